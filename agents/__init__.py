@@ -1,0 +1,1 @@
+"""Who decides: policies, scripted, planned or learned."""

@@ -1,0 +1,26 @@
+"""What is believed: filters for SLAM with a moving target. They work without any environment.
+
+>>> import estimators
+>>> estimators.names()
+['dead-reckoning', 'ekf', 'ideal-ekf', 'fej-ekf', 'ri-ekf', 'cdkf', 'slamto', 'independent']
+"""
+
+from estimators.interface import TARGET, UNKNOWN, Belief, Estimator, Scan, TruthAware
+from estimators.models import MotionModel, SensorModel, TargetModel
+from estimators.registry import get, make, names, register
+
+__all__ = [
+    "TARGET",
+    "UNKNOWN",
+    "Belief",
+    "Estimator",
+    "MotionModel",
+    "Scan",
+    "SensorModel",
+    "TargetModel",
+    "TruthAware",
+    "get",
+    "make",
+    "names",
+    "register",
+]

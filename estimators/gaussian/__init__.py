@@ -1,0 +1,1 @@
+"""Filters whose belief is one joint Gaussian over robot, target and landmarks."""

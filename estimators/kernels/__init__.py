@@ -1,0 +1,1 @@
+"""Shared small mathematics, compiled: angles, linear algebra, models, association, random draws."""

@@ -1,0 +1,99 @@
+"""Estimators by name: ours, and those that installed packages declare.
+
+A package adds one through the entry-point group "slam_gym.estimators"; a script through `register`.
+"""
+
+import difflib
+from collections.abc import Callable
+from importlib import import_module
+from importlib.metadata import entry_points
+from typing import Any
+
+from estimators.interface import Estimator
+from estimators.models import MotionModel, SensorModel, TargetModel
+
+ENTRY_POINT_GROUP = "slam_gym.estimators"
+
+_BUILT_IN = {
+    "dead-reckoning": "estimators.dead_reckoning:DeadReckoning",
+    "ekf": "estimators.gaussian.ekf:EKF",
+    "ideal-ekf": "estimators.gaussian.ideal:IdealEKF",
+    "fej-ekf": "estimators.gaussian.fej:FEJEKF",
+    "ri-ekf": "estimators.gaussian.invariant:RIEKF",
+    "cdkf": "estimators.gaussian.sigma_point:CDKF",
+    "slamto": "estimators.particle.slamto:SLAMTO",
+    "independent": "estimators.independent:Independent",
+}
+_registered: dict[str, type[Estimator]] = {}
+
+
+def names() -> list[str]:
+    """Every known estimator's name, ours first."""
+    found = dict.fromkeys([*_BUILT_IN, *_registered])
+    found.update(dict.fromkeys(sorted(point.name for point in entry_points(group=ENTRY_POINT_GROUP))))
+    return list(found)
+
+
+def register(name: str, estimator: type[Estimator] | None = None) -> Any:
+    """Make a class known under a name, directly or as a decorator: `@register("mine")`.
+
+    Raises:
+        ValueError: the name is taken by another class.
+    """
+
+    def add(cls: type[Estimator]) -> type[Estimator]:
+        taken = _registered.get(name)
+        if name in _BUILT_IN or (taken is not None and taken.__qualname__ != cls.__qualname__):
+            raise ValueError(f"an estimator named {name!r} exists already; choose another name")
+        _registered[name] = cls
+        return cls
+
+    return add if estimator is None else add(estimator)
+
+
+def get(name: str) -> type[Estimator]:
+    """The class of that name.
+
+    Raises:
+        ValueError: no such estimator; the message lists the choices and the nearest name.
+    """
+    if name in _registered:
+        return _registered[name]
+    if name in _BUILT_IN:
+        module, _, attribute = _BUILT_IN[name].partition(":")
+        return getattr(import_module(module), attribute)  # type: ignore[no-any-return]
+    for point in entry_points(group=ENTRY_POINT_GROUP):
+        if point.name == name:
+            return point.load()  # type: ignore[no-any-return]
+    raise ValueError(unknown_name("estimator", name, names()))
+
+
+def make(
+    name: str,
+    motion: MotionModel,
+    sensor: SensorModel,
+    target: TargetModel | None,
+    *,
+    num_lanes: int = 1,
+    max_landmarks: int,
+    **options: Any,
+) -> Estimator:
+    """Build an estimator by name.
+
+    Raises:
+        ValueError: unknown name, or an option that this estimator does not have.
+    """
+    factory: Callable[..., Estimator] = get(name)
+    try:
+        return factory(motion, sensor, target, num_lanes=num_lanes, max_landmarks=max_landmarks, **options)
+    except TypeError as error:
+        if "unexpected keyword argument" in str(error):
+            raise ValueError(f"estimator {name!r}: {error}; see `slam-gym list {name}` for its options") from error
+        raise
+
+
+def unknown_name(kind: str, name: str, choices: list[str]) -> str:
+    """The message for a name that is not there: the nearest match, then the choices."""
+    near = difflib.get_close_matches(name, choices, n=1, cutoff=0.5)
+    hint = f" Did you mean {near[0]!r}?" if near else ""
+    return f"unknown {kind} {name!r}.{hint} Choices: {', '.join(choices)}"
