@@ -1,0 +1,255 @@
+"""One self-contained HTML page of a results folder: what was found, tables that sort, pictures, how it was made.
+
+No network, no script other than the sorting of tables; the pictures are embedded and also kept as PNG files.
+"""
+
+import base64
+import io
+import math
+from dataclasses import dataclass, field
+from importlib.resources import files
+from pathlib import Path
+from typing import Any
+
+import pandas as pd
+from jinja2 import Environment
+from matplotlib.figure import Figure
+
+from slam_gym import plots
+from slam_gym.results import Results
+
+NEES_SUSPECT = 1.5  # times its expectation: marked in the table
+
+
+@dataclass(frozen=True, slots=True)
+class Cell:
+    """One table cell: what is printed, what is sorted by, and "bad" or "small"."""
+
+    text: str
+    value: float | str
+    kind: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class Column:
+    """One column of a table, taken from a summary column."""
+
+    key: str
+    title: str
+    format: str = ".3f"
+    help: str = ""
+    expected: float = math.nan  # what an honest filter scores; far above is marked
+    spread: str = ""  # column with the standard deviation over runs
+    scale: float = 1.0
+
+    def cell(self, row: dict[str, Any]) -> Cell:
+        """The row's value, formatted."""
+        value = row.get(self.key)
+        if isinstance(value, str):
+            return Cell(value, value)
+        if value is None or not isinstance(value, (int, float)) or math.isnan(value):
+            return Cell("-", "")
+        number = float(value) * self.scale
+        text = format(number, self.format) if abs(number) < 1e5 else f"{number:.1e}"
+        if self.spread and math.isfinite(row.get(self.spread, math.nan)):
+            text += f" ± {row[self.spread] * self.scale:{self.format}}"
+        return Cell(text, number, "bad" if number > NEES_SUSPECT * self.expected else "")
+
+
+@dataclass(slots=True)
+class Table:
+    """A sortable table."""
+
+    title: str
+    columns: list[Column]
+    rows: list[list[Cell]]
+    note: str = ""
+
+
+@dataclass(slots=True)
+class Section:
+    """One scenario under one policy."""
+
+    title: str
+    sentences: list[str]
+    tables: list[Table] = field(default_factory=list)
+    figures: list[dict[str, str]] = field(default_factory=list)
+
+
+ACCURACY = (
+    Column("estimator", "estimator"),
+    Column("robot_error_rmse", "robot RMSE [m]", spread="robot_error_rmse_sd"),
+    Column("heading_error_rmse", "heading RMSE [rad]", ".4f"),
+    Column("target_error_rmse", "target RMSE, world [m]", spread="target_error_rmse_sd"),
+    Column("target_error_rel_rmse", "target RMSE, robot frame [m]"),
+    Column("target_heading_error_rmse", "target heading RMSE [rad]"),
+    Column("landmark_error_rmse", "landmark RMSE [m]"),
+    Column("lost_share", "lost [%]", ".1f", "share of time with the target unseen for more than 2 s", scale=100.0),
+    Column("predict_us", "predict [us]", ".2f", "per lane and step"),
+    Column("update_us", "update [us]", ".2f", "per lane and sweep"),
+)
+AGES = (
+    Column("estimator", "estimator"),
+    Column("target_error_lt2", "RMSE, seen < 2 s ago [m]"),
+    Column("target_error_2_15", "2-15 s [m]"),
+    Column("target_error_gt15", "> 15 s [m]"),
+    Column("target_nees_lt2", "NEES, < 2 s", ".2f", expected=2.0),
+    Column("target_nees_2_15", "NEES, 2-15 s", ".2f", expected=2.0),
+    Column("target_nees_gt15", "NEES, > 15 s", ".2f", expected=2.0),
+)
+
+
+def _consistency_columns(summary: pd.DataFrame) -> list[Column]:
+    columns = [Column("estimator", "estimator")]
+    for kind, word, dof in (("pose", "pose", 3), ("target", "target", 2), ("landmark", "landmark", 2)):
+        batch = int(summary[f"{kind}_nees_batch"].max()) if f"{kind}_nees_batch" in summary else 0
+        columns += [
+            Column(f"{kind}_nees_mean", f"{word} NEES ({dof})", ".2f", f"{dof} when honest", expected=dof),
+            Column(f"{kind}_nees_median", "median", ".2f"),
+            Column(f"{kind}_nees_in95_run", "inside, each run [%]", ".0f", "share inside one run's 95 % bounds",
+                   scale=100.0),
+            Column(f"{kind}_nees_in95_mean", f"inside, mean of {batch} [%]", ".0f",
+                   "share of steps at which the mean over a batch lies inside its 95 % bounds", scale=100.0),
+        ]  # fmt: skip
+    return [*columns, Column("diverged", "diverged runs", ".0f")]
+
+
+def write_report(results: str | Path | Results) -> Path:
+    """Write `report.html` and `figures/*.png` into a results folder; returns the page's path.
+
+    Raises:
+        FileNotFoundError: the folder holds no results.
+    """
+    found = results if isinstance(results, Results) else Results.load(results)
+    sections = [_section(found, *key) for key in _keys(found.summary)]
+    page = _template().render(
+        title=_title(found.summary),
+        summary=_headline(found),
+        sections=sections,
+        command=found.config.get("command", ""),
+        provenance=_provenance(found.config),
+    )
+    path = Path(found.path) / "report.html"
+    path.write_text(page, encoding="utf-8")
+    return path
+
+
+def _template() -> Any:
+    source = files("slam_gym").joinpath("templates/report.html").read_text(encoding="utf-8")
+    return Environment(autoescape=True, trim_blocks=True, lstrip_blocks=True).from_string(source)
+
+
+def _keys(summary: pd.DataFrame) -> list[tuple[str, str]]:
+    return list(dict.fromkeys(zip(summary["scenario"], summary["policy"], strict=True)))
+
+
+def _pick(frame: pd.DataFrame, scenario: str, policy: str) -> pd.DataFrame:
+    return frame[(frame["scenario"] == scenario) & (frame["policy"] == policy)] if len(frame) else frame
+
+
+def _title(summary: pd.DataFrame) -> str:
+    return f"{', '.join(dict.fromkeys(summary['scenario']))}: {', '.join(dict.fromkeys(summary['estimator']))}"
+
+
+def _headline(found: Results) -> list[str]:
+    summary = found.summary
+    runs = int(summary["n_runs"].max())
+    sizes = f"{len(set(summary['estimator']))} estimators, {len(_keys(summary))} combination(s) of scenario and policy"
+    first = f"{sizes}, {runs} run(s) each, on the same random draws."
+    diverged = summary.groupby("estimator", sort=False)["diverged"].sum()
+    broken = ", ".join(f"{name} ({int(n)})" for name, n in diverged.items() if n > 0)
+    return [first, f"Diverged runs: {broken}." if broken else "No run diverged."]
+
+
+def _sentences(summary: pd.DataFrame, paired: pd.DataFrame) -> list[str]:
+    scored = summary[summary["pose_nees_mean"].notna()]
+    if not len(scored):
+        return []
+    honest = scored.loc[(scored["pose_nees_mean"] / 3.0).map(lambda v: abs(math.log(max(v, 1e-9)))).idxmin()]
+    accurate = scored.loc[scored["robot_error_rmse"].idxmin()]
+    sentences = [
+        f"Closest to honest: {honest['estimator']}, pose NEES {honest['pose_nees_mean']:.2f} (3 is right). "
+        f"Least robot error: {accurate['estimator']}, RMSE {accurate['robot_error_rmse']:.3f} m."
+    ]
+    if len(paired) and "sentence" in paired:
+        sentences += list(paired["sentence"])
+    return sentences
+
+
+def _section(found: Results, scenario: str, policy: str) -> Section:
+    summary, runs = _pick(found.summary, scenario, policy), _pick(found.runs, scenario, policy)
+    section = Section(
+        f"{scenario}, policy {policy}", _sentences(summary, _pick(found.paired, scenario, policy).head(0))
+    )
+    section.tables = [
+        _table("Accuracy and cost", ACCURACY, summary, "± is the standard deviation over runs."),
+        _table("Consistency", _consistency_columns(summary), summary,
+               "In brackets what an honest filter scores; marked where it is over one and a half times that."),
+        _table("Target, by time since it was last seen", AGES, summary, "NEES here is the mean."),
+        _paired_table(_pick(found.paired, scenario, policy)),
+    ]  # fmt: skip
+    section.tables = [table for table in section.tables if table.rows]
+    drawings = _drawings(found, summary, runs, scenario, policy)
+    section.figures = [_figure(found, scenario, policy, *drawing) for drawing in drawings]
+    return section
+
+
+def _table(title: str, columns: Any, frame: pd.DataFrame, note: str) -> Table:
+    """Columns that hold nothing in any row are left out."""
+    present = [c for c in columns if c.key in frame and frame[c.key].notna().any()]
+    rows = [[column.cell(row) for column in present] for row in frame.to_dict("records")]
+    return Table(title, present, rows if len(present) > 1 else [], note)
+
+
+def _paired_table(paired: pd.DataFrame) -> Table:
+    columns = [
+        Column("estimator", "estimator"),
+        Column("baseline", "minus"),
+        Column("metric", "of"),
+        Column("difference", "mean difference", "+.4f"),
+        Column("low", "95 % from", "+.4f"),
+        Column("high", "to", "+.4f"),
+        Column("n", "runs", ".0f"),
+    ]
+    note = "Run by run on the same seeds; an interval that holds 0 shows no difference."
+    return _table("Paired differences", columns, paired, note)
+
+
+def _drawings(
+    found: Results, summary: pd.DataFrame, runs: pd.DataFrame, scenario: str, policy: str
+) -> list[tuple[str, Figure, str]]:
+    series = _pick(found.series, scenario, policy)
+    tracks, landmarks = _pick(found.tracks, scenario, policy), _pick(found.landmarks, scenario, policy)
+    target = bool(len(series)) and bool(series["target_error"].notna().any())
+    errors = ("robot_error", "target_error_rel") if target else ("robot_error",)
+    consistency = ("pose_nees", "target_nees") if target else ("pose_nees",)
+    drawings = []
+    if len(tracks):
+        caption = "One run: truth and belief with 95 % ellipses; crosses are true landmarks, grey discs opaque pillars."
+        drawings.append(("trajectories", plots.trajectories(tracks, landmarks), caption))
+    if len(series):
+        caption = "NEES over time, mean over runs; the band holds it in 95 % of cases if the filter is honest."
+        drawings.append(("nees", plots.nees_over_time(series, consistency), caption))
+        drawings.append(("errors", plots.over_time(series, errors), "Errors over time, mean over runs."))
+    if runs.groupby("estimator").size().max() > 1:
+        caption = "Mean error of each run (dots), middle half and median (bar)."
+        drawings.append(("distributions", plots.error_distributions(runs, errors), caption))
+    if len(summary) > 1:
+        drawings.append(("cost", plots.cost_against_accuracy(summary), "Cost against accuracy."))
+    return drawings
+
+
+def _figure(found: Results, scenario: str, policy: str, name: str, figure: Figure, caption: str) -> dict[str, str]:
+    buffer = io.BytesIO()
+    figure.savefig(buffer, format="png")
+    folder = Path(found.path) / "figures"
+    folder.mkdir(exist_ok=True)
+    stem = "-".join("".join(c if c.isalnum() else " " for c in f"{scenario} {policy} {name}").split())
+    (folder / f"{stem}.png").write_bytes(buffer.getvalue())
+    return {"caption": caption, "data": base64.b64encode(buffer.getvalue()).decode()}
+
+
+def _provenance(config: dict[str, Any]) -> list[tuple[str, str]]:
+    rows = [(key, value) for key, value in config.items() if key not in ("command", "versions")]
+    rows += [(f"{name} version", value) for name, value in config.get("versions", {}).items()]
+    return [(key.replace("_", " "), str(value)) for key, value in rows]
