@@ -247,6 +247,42 @@ class Estimator(ABC):
     def _fill_map(self, buffers: dict[str, Any]) -> None:
         """Write the landmarks into the belief's buffers (see `Belief`)."""
 
+    def _prior(
+        self,
+        pose: ArrayLike,
+        pose_cov: ArrayLike,
+        seeds: ArrayLike,
+        target: ArrayLike | None,
+        target_cov: ArrayLike | None,
+        lanes: Ints | None,
+    ) -> Prior:
+        """Check and lay out the arguments of `reset`.
+
+        Raises:
+            ValueError: a wrong shape, a number that is not finite, an unknown or repeated lane, a target prior
+                without covariance or in a world without a target.
+        """
+        chosen = self.all_lanes if lanes is None else np.atleast_1d(np.asarray(lanes, dtype=np.int64))
+        if len(np.unique(chosen)) != len(chosen) or ((chosen < 0) | (chosen >= self.num_lanes)).any():
+            raise ValueError(f"lanes must be distinct indices below {self.num_lanes}; got {chosen.tolist()}")
+        n, n_t = len(chosen), len(self.target_names)
+        mean = _fit("pose", pose, (n, 3))
+        mean[:, 2] = (mean[:, 2] + np.pi) % (2.0 * np.pi) - np.pi
+        cov = _fit("pose_cov", pose_cov, (n, 3, 3))
+        seed = np.asarray(seeds, dtype=np.int64)
+        if seed.shape not in ((n,), ()):
+            raise ValueError(f"seeds must be one integer per lane, shape [{n}]; got {list(seed.shape)}")
+        if (target is None) != (target_cov is None):
+            raise ValueError("target and target_cov go together: give both, or neither for a target not yet seen")
+        if target is None or target_cov is None:
+            return Prior(chosen, mean, cov, np.array(np.broadcast_to(seed, (n,))), None, None)
+        if n_t == 0:
+            raise ValueError("a target prior was given to an estimator built without a target model")
+        names = ", ".join(self.target_names)
+        target_mean = _fit(f"target ({names})", target, (n, n_t))
+        target_mean_cov = _fit("target_cov", target_cov, (n, n_t, n_t))
+        return Prior(chosen, mean, cov, np.array(np.broadcast_to(seed, (n,))), target_mean, target_mean_cov)
+
     @property
     def counts(self) -> dict[str, Ints]:
         """What went wrong since `reset`, by name: [L] integers (gate rejections, overflow, collapsed weights, ...)."""
@@ -269,9 +305,31 @@ class Estimator(ABC):
         raise NotImplementedError
 
 
+@dataclass(frozen=True, slots=True)
+class Prior:
+    """What `reset` was given, checked and laid out per lane: n lanes in the order named."""
+
+    lanes: Ints  # [n]
+    pose: Floats  # [n, 3], heading wrapped
+    pose_cov: Floats  # [n, 3, 3]
+    seeds: Ints  # [n]
+    target: Floats | None  # [n, n_t]
+    target_cov: Floats | None  # [n, n_t, n_t]
+
+
+def _fit(name: str, value: ArrayLike, shape: tuple[int, ...]) -> Floats:
+    """A finite array of that shape, repeated over the first axis where it is missing."""
+    array = np.asarray(value, dtype=np.float64)
+    if array.shape not in (shape, shape[1:]):
+        raise ValueError(f"{name} must have shape {list(shape)} or {list(shape[1:])}; got {list(array.shape)}")
+    if not np.isfinite(array).all():
+        raise ValueError(f"{name} must be finite; got NaN or infinity")
+    return np.array(np.broadcast_to(array, shape))
+
+
 class TruthAware(ABC):
     """Mixin of reference filters that are handed the truth before every predict and update; benchmarks only."""
 
     @abstractmethod
     def set_truth(self, pose: Floats, target: Floats, landmarks: Floats) -> None:
-        """pose [L, 3]; target [L, 4] (x, y, velocity_x, velocity_y); landmarks [L, N, 2] indexed by id."""
+        """Tell the truth: pose [L, 3]; target [L, 4] (x, y, velocity_x, velocity_y); landmarks [L, N, 2] indexed by id."""

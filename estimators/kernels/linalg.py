@@ -28,7 +28,7 @@ def quad2(i00, i01, i11, x, y):
 
 @inline
 def quad3_inverse(a00, a01, a02, a11, a12, a22, x, y, z):
-    """v' A^-1 v of a symmetric 3x3 through its Cholesky factor; NaN where A is not positive definite."""
+    """The form v' A^-1 v of a symmetric 3x3 through its Cholesky factor; NaN where A is not positive definite."""
     l00 = math.sqrt(a00)
     l10 = a01 / l00
     l20 = a02 / l00
