@@ -51,6 +51,28 @@ class Scan:
         )
 
 
+@dataclass(frozen=True, slots=True)
+class Prior:
+    """What `reset` was given, checked and laid out per lane: n lanes in the order named."""
+
+    lanes: Ints  # [n]
+    pose: Floats  # [n, 3], heading wrapped
+    pose_cov: Floats  # [n, 3, 3]
+    seeds: Ints  # [n]
+    target: Floats | None  # [n, n_t]
+    target_cov: Floats | None  # [n, n_t, n_t]
+
+
+def _fit(name: str, value: ArrayLike, shape: tuple[int, ...]) -> Floats:
+    """A finite array of that shape, repeated over the first axis where it is missing."""
+    array = np.asarray(value, dtype=np.float64)
+    if array.shape not in (shape, shape[1:]):
+        raise ValueError(f"{name} must have shape {list(shape)} or {list(shape[1:])}; got {list(array.shape)}")
+    if not np.isfinite(array).all():
+        raise ValueError(f"{name} must be finite; got NaN or infinity")
+    return np.array(np.broadcast_to(array, shape))
+
+
 class Belief:
     """What an estimator believes, the same shape for every family. Buffers, valid until the estimator's next call.
 
@@ -305,31 +327,9 @@ class Estimator(ABC):
         raise NotImplementedError
 
 
-@dataclass(frozen=True, slots=True)
-class Prior:
-    """What `reset` was given, checked and laid out per lane: n lanes in the order named."""
-
-    lanes: Ints  # [n]
-    pose: Floats  # [n, 3], heading wrapped
-    pose_cov: Floats  # [n, 3, 3]
-    seeds: Ints  # [n]
-    target: Floats | None  # [n, n_t]
-    target_cov: Floats | None  # [n, n_t, n_t]
-
-
-def _fit(name: str, value: ArrayLike, shape: tuple[int, ...]) -> Floats:
-    """A finite array of that shape, repeated over the first axis where it is missing."""
-    array = np.asarray(value, dtype=np.float64)
-    if array.shape not in (shape, shape[1:]):
-        raise ValueError(f"{name} must have shape {list(shape)} or {list(shape[1:])}; got {list(array.shape)}")
-    if not np.isfinite(array).all():
-        raise ValueError(f"{name} must be finite; got NaN or infinity")
-    return np.array(np.broadcast_to(array, shape))
-
-
 class TruthAware(ABC):
     """Mixin of reference filters that are handed the truth before every predict and update; benchmarks only."""
 
     @abstractmethod
     def set_truth(self, pose: Floats, target: Floats, landmarks: Floats) -> None:
-        """Tell the truth: pose [L, 3]; target [L, 4] (x, y, velocity_x, velocity_y); landmarks [L, N, 2] indexed by id."""
+        """Pass pose [L, 3]; target [L, 4] (x, y, velocity_x, velocity_y); landmarks [L, N, 2], the id as index."""

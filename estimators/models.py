@@ -164,7 +164,7 @@ def _record_fields() -> list[tuple[str, type]]:
     for owner, model in (("motion", MotionModel), ("sensor", SensorModel), ("target", TargetModel)):
         for field in fields(model):
             name = _RENAMED.get((owner, field.name), field.name)
-            found.append((name, np.int64 if name in _CODES else np.float64))  # type: ignore[arg-type]
+            found.append((name, np.int64 if name in _CODES else np.float64))
     return found
 
 
@@ -176,7 +176,7 @@ def pack_models(motion: MotionModel, sensor: SensorModel, target: TargetModel | 
     """The three models as a zero-dimensional `MODEL` record (target_kind = NO_TARGET where there is none)."""
     record = np.zeros((), dtype=MODEL)
     for owner, model in (("motion", motion), ("sensor", sensor), ("target", target or TargetModel())):
-        for field in fields(model):  # type: ignore[arg-type]
+        for field in fields(model):
             name = _RENAMED.get((owner, field.name), field.name)
             value = getattr(model, field.name)
             record[name] = _CODES[name][value] if name in _CODES else value

@@ -61,10 +61,10 @@ def get(name: str) -> type[Estimator]:
         return _registered[name]
     if name in _BUILT_IN:
         module, _, attribute = _BUILT_IN[name].partition(":")
-        return getattr(import_module(module), attribute)  # type: ignore[no-any-return]
+        return getattr(import_module(module), attribute)
     for point in entry_points(group=ENTRY_POINT_GROUP):
         if point.name == name:
-            return point.load()  # type: ignore[no-any-return]
+            return point.load()
     raise ValueError(unknown_name("estimator", name, names()))
 
 
