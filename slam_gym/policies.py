@@ -1,0 +1,193 @@
+"""The contract every policy meets, what a policy is told, and policies by name.
+
+A policy decides from the observation or the belief, never from the truth. It acts for L lanes at once. A package adds
+one through the entry-point group "slam_gym.policies"; a script through `register`.
+"""
+
+import inspect
+import math
+from abc import ABC, abstractmethod
+from collections.abc import Callable
+from dataclasses import dataclass
+from importlib.metadata import entry_points
+from typing import Any, ClassVar, Self
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from estimators.interface import Belief
+from estimators.models import MotionModel, SensorModel, TargetModel
+from estimators.registry import unknown_name
+from slam_gym.actions import ActionMap
+from slam_gym.scenario import Scenario
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+Bools = NDArray[np.bool_]
+
+ENTRY_POINT_GROUP = "slam_gym.policies"
+
+
+@dataclass(frozen=True, kw_only=True)
+class PolicyContext:
+    """What a policy knows before it starts: models and limits, all of which a real robot's engineer knows too.
+
+    Where the scenario draws a number anew each episode, the middle of its range stands here.
+    """
+
+    action_map: ActionMap  # between actions in [-1, 1] and physical commands
+    motion: MotionModel
+    sensor: SensorModel
+    target: TargetModel | None
+    step_dt: float  # [s], one simulation step
+    hold: int = 1  # simulation steps that one action lasts
+    speed_min: float = -math.inf  # [m/s], negative where the robot can reverse
+    speed_max: float = math.inf  # [m/s]
+    turn_max: float = math.inf  # [rad/s], unicycle
+    steering_max: float = math.pi / 6  # [rad], bicycle
+    steering_rate: float = math.inf  # [rad/s], bicycle
+    arena: tuple[float, float] = (20.0, 20.0)  # [m], width and height about the origin
+    start: tuple[float, float, float] = (0.0, 0.0, 0.0)  # [m, m, rad], expected start pose
+
+    @property
+    def dt(self) -> float:
+        """[s] between two decisions."""
+        return self.step_dt * self.hold
+
+    @property
+    def is_bicycle(self) -> bool:
+        """Whether commands are (speed, steering angle) rather than (speed, turn rate)."""
+        return self.motion.kind == "bicycle"
+
+    @classmethod
+    def from_scenario(cls, scenario: Scenario, action: str | None = None) -> Self:
+        """The context of a scenario under one kind of action ("twist", "wheels" or "steering"; None: its usual one)."""
+        robot = scenario.robot
+        motion, sensor, target = scenario.models()
+        kind = action or ("steering" if motion.kind == "bicycle" else "twist")
+        return cls(
+            action_map=ActionMap(scenario, kind),
+            motion=motion,
+            sensor=sensor,
+            target=target,
+            step_dt=_middle(scenario.dt),
+            hold=int(_middle(scenario.hold)),
+            speed_min=_middle(robot.speed_min),
+            speed_max=_middle(robot.speed_max),
+            turn_max=_middle(robot.turn_max),
+            steering_max=_middle(robot.steering_max),
+            steering_rate=_middle(robot.steering_rate),
+            arena=(float(scenario.arena.size[0]), float(scenario.arena.size[1])),
+            start=(_middle(robot.start[0]), _middle(robot.start[1]), _middle(robot.start[2])),
+        )
+
+
+def _middle(value: ArrayLike) -> float:
+    """A number, or the middle of a range [low, high]."""
+    return float(np.mean(value))
+
+
+class Policy(ABC):
+    """Decides for L lanes at once.
+
+    Args:
+        context: models and limits.
+        num_lanes: L.
+        **options: the policy's own, keyword-only, each with a default, documented by each class.
+
+    Attributes:
+        finished: [L] whether the policy has nothing left to do in a lane (the end of a route); episodes may end there.
+    """
+
+    summary: ClassVar[str] = ""  # one line for `slam-gym list`
+
+    def __init__(self, context: PolicyContext, num_lanes: int = 1) -> None:
+        if num_lanes < 1:
+            raise ValueError(f"num_lanes must be at least 1; got {num_lanes}")
+        self.context, self.num_lanes = context, int(num_lanes)
+        self.command: Floats = np.zeros((self.num_lanes, 2))  # [L, 2], physical, scratch of `act`
+        self.finished: Bools = np.zeros(self.num_lanes, dtype=np.bool_)
+
+    @abstractmethod
+    def reset(self, lanes: Ints, seeds: Ints) -> None:
+        """A new episode in the named lanes. lanes, seeds: [n]; the seeds are the policy's own randomness."""
+
+    @abstractmethod
+    def act(self, observation: Floats | None, belief: Belief) -> Floats:
+        """One decision per lane.
+
+        Args:
+            observation: [L, n] what a learned policy sees; None where nobody asked for it.
+            belief: of all lanes, valid until the estimator's next call.
+
+        Returns:
+            [L, 2] in [-1, 1], float64.
+        """
+
+    def to_action(self, command: Floats) -> Floats:
+        """Physical commands [L, 2] (speed and turn rate, or speed and steering angle) as actions in [-1, 1]."""
+        return np.clip(self.context.action_map.to_action(command), -1.0, 1.0)
+
+
+_registered: dict[str, type[Policy]] = {}
+
+
+def names() -> list[str]:
+    """Every known policy's name: those of installed packages, then those registered here."""
+    installed = (point.name for point in entry_points(group=ENTRY_POINT_GROUP))
+    return list(dict.fromkeys([*sorted(installed), *_registered]))
+
+
+def register(name: str, policy: type[Policy] | None = None) -> Any:
+    """Make a class known under a name, directly or as a decorator: `@register("mine")`.
+
+    Raises:
+        ValueError: the name is taken by another class.
+    """
+
+    def add(cls: type[Policy]) -> type[Policy]:
+        taken = _registered.get(name)
+        installed = name in names() and taken is None
+        if installed or (taken is not None and taken.__qualname__ != cls.__qualname__):
+            raise ValueError(f"a policy named {name!r} exists already; choose another name")
+        _registered[name] = cls
+        return cls
+
+    return add if policy is None else add(policy)
+
+
+def get(name: str) -> type[Policy]:
+    """The class of that name.
+
+    Raises:
+        ValueError: no such policy; the message lists the choices and the nearest name.
+    """
+    if name in _registered:
+        return _registered[name]
+    for point in entry_points(group=ENTRY_POINT_GROUP):
+        if point.name == name:
+            return point.load()  # type: ignore[no-any-return]
+    raise ValueError(unknown_name("policy", name, names()))
+
+
+def options(name: str) -> dict[str, Any]:
+    """The options of a policy and their defaults."""
+    parameters = inspect.signature(get(name)).parameters.values()
+    return {p.name: p.default for p in parameters if p.kind is p.KEYWORD_ONLY}
+
+
+def make(name: str, context: PolicyContext, num_lanes: int = 1, **chosen: Any) -> Policy:
+    """Build a policy by name.
+
+    Raises:
+        ValueError: unknown name, an option that this policy does not have, or an impossible value.
+    """
+    factory: Callable[..., Policy] = get(name)
+    known = options(name)
+    accepts_any = any(p.kind is p.VAR_KEYWORD for p in inspect.signature(factory).parameters.values())
+    for key in chosen:
+        if key not in known and not accepts_any:
+            if not known:
+                raise ValueError(f"policy {name!r} has no options; got {key!r}")
+            raise ValueError(f"policy {name!r}: {unknown_name('option', key, list(known))}")
+    return factory(context, num_lanes, **chosen)
