@@ -1,0 +1,155 @@
+"""Pictures of a running simulation with pygame: in a window, or as arrays for videos, the very same pixels.
+
+renderer = Renderer("rgb_array", size=(800, 600))
+picture = renderer.draw(Frame.from_simulation(simulation))  # [600, 800, 3] uint8
+"""
+
+from collections.abc import Sequence
+from typing import Literal
+
+import numpy as np
+import pygame
+from numpy.typing import NDArray
+
+from slam_gym.render_canvas import Camera, Canvas, text
+from slam_gym.render_frame import Frame, History
+from slam_gym.render_map import INK, Layers, bounds, draw_map, grid_step
+from slam_gym.render_panel import Panel, Strip
+
+__all__ = ["Frame", "History", "Layers", "Renderer"]
+
+MODES = ("rgb_array", "human")
+SMALLEST = (160, 120)  # [px]
+PANEL_FROM, STRIP_FROM = 520, 360  # [px] width and height from which the panel and the strip are shown
+FOLLOWED = 1.15  # half the width of the followed view, in sensor ranges
+
+
+class Renderer:
+    """Draws frames of one lane and keeps their history for trails and plots.
+
+    Args:
+        mode: "rgb_array": `draw` returns the picture; "human": it shows it in a window.
+        size: [px] width and height; a window can be resized by its user.
+        title: of the window.
+        fps: highest number of pictures per second in a window; 0: no limit.
+
+    Attributes:
+        layers: what is drawn.
+        follow: keep the robot in the middle instead of showing the whole arena.
+        keys: rows (key, meaning) listed in the panel.
+        note: one bold line above them.
+
+    Raises:
+        ValueError: an unknown mode or a picture too small to draw in.
+    """
+
+    def __init__(
+        self,
+        mode: Literal["rgb_array", "human"] = "rgb_array",
+        size: tuple[int, int] = (800, 600),
+        *,
+        title: str = "slam-gym",
+        fps: float = 0.0,
+    ) -> None:
+        if mode not in MODES:
+            raise ValueError(f"render mode must be one of {', '.join(map(repr, MODES))}; got {mode!r}")
+        if size[0] < SMALLEST[0] or size[1] < SMALLEST[1]:
+            raise ValueError(f"a picture needs at least {SMALLEST[0]} x {SMALLEST[1]} pixels; got {size}")
+        self.mode, self.fps = mode, fps
+        self.layers, self.follow = Layers(), False
+        self.keys: Sequence[tuple[str, str]] = ()
+        self.note = ""
+        self.history = History()
+        self.window: pygame.Surface | None = None
+        self._clock: pygame.time.Clock | None = None
+        self._lay_out((int(size[0]), int(size[1])))
+        if mode == "human":
+            pygame.display.init()
+            pygame.display.set_caption(title)
+            self.window = pygame.display.set_mode(self.size, pygame.RESIZABLE)
+            self._clock = pygame.time.Clock()
+
+    def _lay_out(self, size: tuple[int, int]) -> None:
+        """Divide the picture: the panel on the right, the strip at the bottom, the map in the rest."""
+        self.size = width, height = size
+        letter = round(13 * min(2.0, max(0.75, min(width / 800, height / 600))))
+        panel = round(min(0.4 * width, 17.0 * letter)) if width >= PANEL_FROM else 0
+        strip = round(8.5 * letter) if height >= STRIP_FROM else 0
+        self._map = pygame.Rect(0, 0, width - panel, height - strip)
+        self._panel = Panel(pygame.Rect(width - panel, 0, panel, height), letter) if panel else None
+        self._strip = Strip(pygame.Rect(0, height - strip, width - panel, strip), letter) if strip else None
+        self._letter = letter
+        self._canvas = Canvas(size)
+        self.surface = pygame.Surface(size, 0, 32)  # the latest picture
+
+    def draw(self, frame: Frame, history: History | None = None) -> NDArray[np.uint8] | None:
+        """Record the frame, draw it, and show or return it.
+
+        Args:
+            frame: what to show.
+            history: trails and plots to show instead of this renderer's own (then nothing is recorded).
+
+        Returns:
+            [height, width, 3] uint8 in mode "rgb_array", None in mode "human".
+        """
+        if history is None:
+            history = self.history
+            history.record(frame)
+        self._paint(frame, history)
+        if self.mode == "human":
+            self._show()
+            return None
+        return self.pixels()
+
+    def pixels(self) -> NDArray[np.uint8]:
+        """[height, width, 3] a copy of the latest picture."""
+        width, height = self.size
+        return np.frombuffer(pygame.image.tobytes(self.surface, "RGB"), np.uint8).reshape(height, width, 3).copy()
+
+    def close(self) -> None:
+        """Close the window, if there is one."""
+        if self.window is not None:
+            self.window = None
+            pygame.display.quit()
+
+    def _paint(self, frame: Frame, history: History) -> None:
+        camera = self._camera(frame, history)
+        has_target = frame.target is not None
+        draw_map(self._canvas, camera, frame, history, self.layers)
+        bar = self._scale_bar(camera)
+        if self._panel:
+            self._panel.shapes(self._canvas, frame, self.layers)
+        if self._strip:
+            self._strip.shapes(self._canvas, history, has_target)
+        self._canvas.onto(self.surface)
+        small = max(9, round(0.85 * self._letter))
+        text(self.surface, f"{bar:g} m", (self._letter, self._map.bottom - 2.3 * small), INK, small)
+        if self._panel:
+            self._panel.words(self.surface, frame, self.layers, self.keys, self.note)
+        if self._strip:
+            self._strip.words(self.surface, history, has_target)
+
+    def _camera(self, frame: Frame, history: History) -> Camera:
+        if not self.follow:
+            return Camera.fit(self._map, *bounds(frame, history))
+        middle = (frame.pose if self.layers.truth else frame.belief_pose)[:2]
+        reach = FOLLOWED * min(frame.max_range, max(frame.arena))
+        return Camera.fit(self._map, middle - reach, middle + reach, margin=0.0)
+
+    def _scale_bar(self, camera: Camera) -> float:
+        """Draw a bar as long as the grid's step, and return its length [m]."""
+        length = grid_step(camera)
+        left, y = float(self._letter), self._map.bottom - 0.7 * self._letter
+        self._canvas.line([(left, y), (left + length * camera.scale, y)], INK, 2.0)
+        return length
+
+    def _show(self) -> None:
+        assert self.window is not None and self._clock is not None
+        self.window.blit(self.surface, (0, 0))
+        pygame.event.pump()
+        pygame.display.flip()
+        if self.fps:
+            self._clock.tick(self.fps)
+        width, height = self.window.get_size()
+        if (width, height) != self.size:  # resized by the user: from the next picture on
+            self._lay_out((max(width, SMALLEST[0]), max(height, SMALLEST[1])))

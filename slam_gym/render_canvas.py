@@ -1,0 +1,174 @@
+"""Where things land on the picture and how they are drawn: camera, smooth shapes, text.
+
+Shapes are drawn on a surface of twice the size and scaled down, which smooths every kind of edge alike; text is drawn
+afterwards at its own size.
+"""
+
+import math
+import os
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cache
+from importlib.util import find_spec
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.stats import chi2
+
+os.environ.setdefault("PYGAME_HIDE_SUPPORT_PROMPT", "1")
+import pygame
+
+Floats = NDArray[np.float64]
+Colour = tuple[int, int, int]
+
+OVERSAMPLING = 2
+ELLIPSE_SCALE = math.sqrt(chi2.ppf(0.95, 2))  # standard deviations of the 95 % ellipse in the plane
+_CIRCLE = np.linspace(0.0, 2.0 * math.pi, 48, endpoint=False)
+LARGEST_COORDINATE = 1e4  # [px], beyond which pygame's drawing is slow or overflows
+
+
+def ellipse_points(mean: ArrayLike, cov: ArrayLike, scale: float = ELLIPSE_SCALE) -> Floats:
+    """Outline [48, 2] of the ellipse (q - mean)' cov^-1 (q - mean) = scale^2; by default it holds 95 %."""
+    values, vectors = np.linalg.eigh(np.asarray(cov, dtype=np.float64))
+    axes = vectors * np.sqrt(np.maximum(values, 0.0))  # columns: half axes of one standard deviation
+    unit = np.stack([np.cos(_CIRCLE), np.sin(_CIRCLE)])
+    return np.asarray(mean) + scale * (axes @ unit).T
+
+
+@dataclass(frozen=True)
+class Camera:
+    """From metres to pixels of an area: a point of the world in the middle, pixels per metre, y upwards."""
+
+    area: pygame.Rect
+    centre: tuple[float, float]  # [m]
+    scale: float  # [px/m]
+
+    @classmethod
+    def fit(cls, area: pygame.Rect, low: ArrayLike, high: ArrayLike, margin: float = 0.04) -> "Camera":
+        """The camera that shows the box from `low` to `high` [m] with a margin on each side (share of the area)."""
+        corner, other = np.asarray(low, dtype=np.float64), np.asarray(high, dtype=np.float64)
+        size = np.maximum(other - corner, 1e-3)
+        scale = (1.0 - 2.0 * margin) * min(area.width / size[0], area.height / size[1])
+        middle = 0.5 * (corner + other)
+        return cls(area, (float(middle[0]), float(middle[1])), float(scale))
+
+    def pixels(self, points: ArrayLike) -> Floats:
+        """[..., 2] metres to pixels of the whole picture."""
+        q = np.asarray(points, dtype=np.float64)
+        x = self.area.centerx + self.scale * (q[..., 0] - self.centre[0])
+        y = self.area.centery - self.scale * (q[..., 1] - self.centre[1])
+        return np.clip(np.stack([x, y], axis=-1), -LARGEST_COORDINATE, LARGEST_COORDINATE)
+
+
+class Canvas:
+    """Smooth shapes in pixel coordinates of the final picture, clipped to an area."""
+
+    def __init__(self, size: tuple[int, int]) -> None:
+        self.size = size
+        self._large = pygame.Surface((size[0] * OVERSAMPLING, size[1] * OVERSAMPLING), 0, 32)
+
+    def clip(self, area: pygame.Rect | None) -> None:
+        """Draw only inside this area from now on."""
+        self._large.set_clip(None if area is None else pygame.Rect([OVERSAMPLING * v for v in area]))
+
+    def onto(self, surface: pygame.Surface) -> None:
+        """Scale down onto a surface of the final size."""
+        pygame.transform.smoothscale(self._large, self.size, surface)
+
+    def line(self, points: ArrayLike, colour: Colour, width: float = 1.5, closed: bool = False) -> None:
+        """A polyline [n, 2]; a row with NaN interrupts it."""
+        q = np.asarray(points, dtype=np.float64) * OVERSAMPLING
+        for part in _finite_parts(q):
+            if len(part) > 1:
+                pygame.draw.lines(self._large, colour, closed, part.tolist(), self._width(width))
+
+    def dashes(self, points: ArrayLike, colour: Colour, width: float = 1.5, length: float = 5.0) -> None:
+        """A dashed polyline [n, 2]; dashes and gaps of `length` pixels along it."""
+        q = np.asarray(points, dtype=np.float64)
+        q = q[np.isfinite(q).all(axis=1)]
+        if len(q) < 2:
+            return
+        along = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(q, axis=0).T))])
+        for start in np.arange(0.0, along[-1], 2.0 * length):
+            inside = along[(along > start) & (along < start + length)]
+            at = np.concatenate([[start], inside, [min(start + length, along[-1])]])
+            self.line(np.column_stack([np.interp(at, along, q[:, 0]), np.interp(at, along, q[:, 1])]), colour, width)
+
+    def polygon(self, points: ArrayLike, colour: Colour) -> None:
+        """A filled polygon [n, 2]."""
+        pygame.draw.polygon(self._large, colour, (np.asarray(points) * OVERSAMPLING).tolist())
+
+    def disc(self, centre: ArrayLike, radius: float, colour: Colour, width: float = 0.0) -> None:
+        """A disc, or a circle of that line width."""
+        x, y = (np.asarray(centre, dtype=np.float64) * OVERSAMPLING).tolist()
+        size = max(1.0, radius * OVERSAMPLING)
+        pygame.draw.circle(self._large, colour, (x, y), size, self._width(width) if width else 0)
+
+    def box(self, area: pygame.Rect, colour: Colour, width: float = 0.0, rounding: int = 0) -> None:
+        """A rectangle, filled or of that line width."""
+        large = pygame.Rect([OVERSAMPLING * v for v in area])
+        thickness = self._width(width) if width else 0
+        pygame.draw.rect(self._large, colour, large, thickness, border_radius=rounding * OVERSAMPLING)
+
+    def cross(self, centre: ArrayLike, size: float, colour: Colour, width: float = 1.5, turned: bool = False) -> None:
+        """A plus of that half size, or a cross when turned."""
+        a, b = (np.array([1.0, 1.0]), np.array([1.0, -1.0])) if turned else (np.array([1.0, 0.0]), np.array([0.0, 1.0]))
+        middle = np.asarray(centre, dtype=np.float64)
+        for arm in (a, b):
+            self.line([middle - size * arm, middle + size * arm], colour, width)
+
+    @staticmethod
+    def _width(width: float) -> int:
+        return max(1, round(width * OVERSAMPLING))
+
+
+def _finite_parts(points: Floats) -> list[Floats]:
+    """The runs of rows [n, 2] between those that are not finite."""
+    whole = np.isfinite(points).all(axis=1)
+    if whole.all():
+        return [points]
+    parts = np.split(points, np.flatnonzero(~whole))
+    return [part[np.isfinite(part).all(axis=1)] for part in parts]
+
+
+@cache
+def _font_file(bold: bool) -> str | None:
+    """DejaVu Sans as it comes with matplotlib, found without importing it; None: pygame's own font."""
+    spec = find_spec("matplotlib")
+    if spec is None or spec.origin is None:
+        return None
+    file = Path(spec.origin).parent / "mpl-data/fonts/ttf" / f"DejaVuSans{'-Bold' if bold else ''}.ttf"
+    return str(file) if file.is_file() else None
+
+
+_fonts: dict[tuple[int, bool], pygame.font.Font] = {}
+
+
+def font(size: int, bold: bool = False) -> pygame.font.Font:
+    """The font of that height in pixels."""
+    if not pygame.font.get_init():
+        pygame.font.init()
+        _fonts.clear()  # fonts do not survive a `pygame.quit` elsewhere
+    if (size, bold) not in _fonts:
+        _fonts[size, bold] = pygame.font.Font(_font_file(bold), size)
+    return _fonts[size, bold]
+
+
+def text(
+    surface: pygame.Surface, words: str, position: Sequence[float], colour: Colour, size: int, *,
+    bold: bool = False, align: str = "left", max_width: float = math.inf,
+) -> int:  # fmt: skip
+    """Write one line with its top at `position`, cut with an ellipsis where too wide; returns its height [px].
+
+    align: which part of the line `position` names: "left", "right" or "centre".
+    """
+    letters = font(size, bold)
+    if letters.size(words)[0] > max_width:
+        while words and letters.size(words + "…")[0] > max_width:
+            words = words[:-1]
+        words += "…"
+    image = letters.render(words, True, colour)
+    shift = {"left": 0.0, "right": 1.0, "centre": 0.5}[align] * image.get_width()
+    surface.blit(image, (round(position[0] - shift), round(position[1])))
+    return image.get_height()
