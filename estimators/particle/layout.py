@@ -1,0 +1,42 @@
+"""How a lane's particles lie in memory, and the draws' purposes.
+
+The particle is the innermost axis everywhere, so that one loop over particles is one vectorised pass:
+
+    pose    [L, 3, N]        x, y, heading
+    maps    [L, M, 5, N]     per landmark: x, y, and the covariance's xx, xy, yy
+    target  [L, G, F, N]     per heading hypothesis: the mean, then the covariance's upper triangle row by row
+    belief_in_hypothesis [L, G, N]   log weights of the hypotheses within a particle (largest sum normalised to one)
+    log_w, w [L, N]          particle weights
+    used    [L, N]           landmarks in each particle's map (they differ under per-particle association only)
+"""
+
+import numpy as np
+
+HEADINGS = 8  # hypotheses at the first sighting of a target whose heading matters
+TWIST_ROWS = 9  # 3 + 6
+VELOCITY_ROWS = 14  # 4 + 10
+MAP_ROWS = 5
+
+DRAW_START, DRAW_MOTION, DRAW_RESAMPLE, DRAW_POSE = 0, 1, 2, 3  # purposes of `kernels.random`
+
+EVENTS = (
+    "overflow",  # a new landmark found no room
+    "dropped",  # a return that could not be used: unusable numbers, no label, ambiguous
+    "gated",  # a labelled return too unlikely to be what its label says
+    "target_restarts",  # the target started anew from a return that it could not have caused
+    "collapsed_weights",  # updates that left no particle a finite weight
+    "bad_weights",  # particles whose weight was not a number
+    "resampled",
+)
+
+LANE = np.dtype(
+    [
+        ("key", np.uint64),
+        ("step", np.int64),  # predictions since reset: the draws' counter
+        ("count", np.int64),  # map columns in use
+        ("hypotheses", np.int64),  # 0: target unknown; 1: settled; HEADINGS: heading open
+        ("due", np.int64),  # resample at the next call
+        *((name, np.int64) for name in EVENTS),
+    ]
+)
+"""One lane's scalars."""

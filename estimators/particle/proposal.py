@@ -1,0 +1,115 @@
+"""Drawing robot poses: the prior at reset and the motion model at each step (FastSLAM 1 and SLAMTO)."""
+
+import math
+
+import numpy as np
+
+from estimators.kernels.elementary import sincos, sincos_turn, wrap_smooth
+from estimators.kernels.jit import inline, jit
+from estimators.kernels.motion import calibrated, control_std
+from estimators.kernels.random import philox
+from estimators.models import BICYCLE
+from estimators.particle.layout import DRAW_START
+
+_TO_UNIT = 1.0 / 4294967296.0
+
+
+@jit
+def draw_normals(key, step, purpose, normals):
+    """Standard normals [4, H] from H blocks of Philox: `normal4` of items 0 .. H - 1, vectorised."""
+    a, b, c, d = normals[0], normals[1], normals[2], normals[3]
+    for i in range(a.size):
+        x0, x1, x2, x3 = philox(key, 0, step, purpose, i)
+        a[i] = (float(np.int64(x0)) + 0.5) * _TO_UNIT
+        b[i] = (float(np.int64(x1)) + 0.5) * _TO_UNIT
+        c[i] = (float(np.int64(x2)) + 0.5) * _TO_UNIT
+        d[i] = (float(np.int64(x3)) + 0.5) * _TO_UNIT
+    for i in range(a.size):  # libm's log keeps this loop scalar; the next one is not
+        a[i] = math.log(a[i])
+        c[i] = math.log(c[i])
+    _box_muller(a, b)
+    _box_muller(c, d)
+
+
+@jit
+def _box_muller(log_u, turn):
+    for i in range(log_u.size):
+        r = math.sqrt(-2.0 * log_u[i])
+        s, c = sincos_turn(turn[i])
+        log_u[i] = r * c
+        turn[i] = r * s
+
+
+@jit
+def draw_start(pose, mean, cov, key, normals):
+    """Particles [3, N] from N(mean, cov); a zero or singular covariance is legal."""
+    l00 = math.sqrt(max(cov[0, 0], 0.0))
+    l10 = cov[1, 0] / l00 if l00 > 0.0 else 0.0
+    l20 = cov[2, 0] / l00 if l00 > 0.0 else 0.0
+    l11 = math.sqrt(max(cov[1, 1] - l10 * l10, 0.0))
+    l21 = (cov[2, 1] - l20 * l10) / l11 if l11 > 1e-12 * math.sqrt(cov[1, 1]) else 0.0
+    l22 = math.sqrt(max(cov[2, 2] - l20 * l20 - l21 * l21, 0.0))
+    half = normals.shape[1]
+    for part in range(2):
+        draw_normals(key, part, DRAW_START, normals)
+        for p in range(part * half, min((part + 1) * half, pose.shape[1])):
+            a, b, c = normals[0, p - part * half], normals[1, p - part * half], normals[2, p - part * half]
+            pose[0, p] = mean[0] + l00 * a
+            pose[1, p] = mean[1] + l10 * a + l11 * b
+            pose[2, p] = wrap_smooth(mean[2] + l20 * a + l21 * b + l22 * c)
+
+
+@jit
+def move(pose, model, control_v, control_w, dt, normals):
+    """Draw each particle's pose from the motion model: its control is the reported one plus noise on both rates.
+
+    Args:
+        pose: [3, N], moved in place.
+        control_v, control_w: the reported control; dt: seconds, > 0.
+        normals: [4, H] standard normals, 2 H >= N: particle p < H takes rows 0 and 1, particle H + i rows 2 and 3.
+    """
+    v, w = calibrated(model, control_v, control_w)
+    sv, sw = control_std(model, v, w, dt)
+    half = normals.shape[1]
+    n = pose.shape[1]
+    for part in range(2):
+        first, last = part * half, min((part + 1) * half, n)
+        x, y, heading = pose[0, first:last], pose[1, first:last], pose[2, first:last]
+        noise_v, noise_w = normals[2 * part], normals[2 * part + 1]
+        if model.motion_kind == BICYCLE:
+            _move_bicycle(x, y, heading, noise_v, noise_w, v, w, sv, sw, dt, model.wheelbase)
+        else:
+            _move_unicycle(x, y, heading, noise_v, noise_w, v * dt, w * dt, sv * dt, sw * dt)
+
+
+@inline
+def _move_unicycle(x, y, heading, noise_v, noise_w, way, turn, way_std, turn_std):
+    """Eq. (16), Wu and Sun 2013: the heading at the end of the step."""
+    for p in range(x.size):
+        end = heading[p] + turn + turn_std * noise_w[p]
+        s, c = sincos(end)
+        d = way + way_std * noise_v[p]
+        x[p] += d * c
+        y[p] += d * s
+        heading[p] = wrap_smooth(end)
+
+
+@inline
+def _move_bicycle(x, y, heading, noise_v, noise_w, v, steering, sv, sw, dt, wheelbase):
+    """Eq. (15), Tian et al. 2010."""
+    for p in range(x.size):
+        angle = steering + sw * noise_w[p]
+        d = (v + sv * noise_v[p]) * dt
+        s, c = sincos(heading[p] + angle)
+        x[p] += d * c
+        y[p] += d * s
+        heading[p] = wrap_smooth(heading[p] + d * sincos(angle)[0] / wheelbase)
+
+
+@jit
+def trigonometry(heading, cosine, sine):
+    """Cosine and sine of each particle's heading, once per update."""
+    for p in range(heading.size):
+        s, c = sincos(heading[p])
+        cosine[p] = c
+        sine[p] = s

@@ -1,0 +1,198 @@
+"""One lane's life as compiled kernels: start, predict, take in a sweep by its labels, resample.
+
+Each `..._lanes` kernel loops over the lanes it is given; a lane reads and writes its own rows only, and its random
+draws are functions of its own key and step, so that L lanes are L single runs bit for bit.
+"""
+
+import math
+
+from estimators.kernels.association import DROPPED, NEW, TARGET_SLOT, slot_by_label
+from estimators.kernels.jit import inline, jit
+from estimators.kernels.random import uniform4
+from estimators.kernels.range_bearing import noise_std
+from estimators.kernels.resampling import move_columns, moves, normalise, systematic
+from estimators.models import NO_TARGET, TWIST
+from estimators.particle.columns import gather_weights, share_outside, start_column, update_column
+from estimators.particle.layout import DRAW_MOTION, DRAW_RESAMPLE, HEADINGS
+from estimators.particle.proposal import draw_normals, draw_start, move, trigonometry
+from estimators.particle.target import (
+    fit_target,
+    predict_target,
+    set_target,
+    settle,
+    start_target,
+    update_target,
+)
+
+FLUSH = 8  # determinants multiplied before their logarithm is taken: far from under- and overflow
+
+
+@jit
+def start_lanes(lanes, mean, cov, keys, has_target, target_mean, target_cov, state, pose, log_w, w, used, target,
+                log_hypothesis, normals):  # fmt: skip
+    """Draw the particles from the prior; the map is empty. keys [n]; mean, cov, target_* as `Prior`."""
+    for i in range(lanes.size):
+        lane = lanes[i]
+        state[lane].key = keys[i]
+        state[lane].step = state[lane].count = state[lane].due = 0
+        draw_start(pose[lane], mean[i], cov[i], keys[i], normals)
+        for p in range(w.shape[1]):
+            log_w[lane, p] = 0.0
+            w[lane, p] = 1.0 / w.shape[1]
+            used[lane, p] = 0
+        state[lane].hypotheses = 0
+        if has_target:
+            set_target(target[lane], log_hypothesis[lane], target_mean[i], target_cov[i])
+            state[lane].hypotheses = 1
+
+
+@jit
+def predict_lanes(lanes, control, dt, models, state, pose, target, normals):
+    """Every particle draws its own motion; every particle's target is predicted. control [L, 2], dt [L]."""
+    for lane in lanes:
+        if not dt[lane] > 0.0:
+            continue
+        state[lane].step += 1
+        model = models[lane]
+        draw_normals(state[lane].key, state[lane].step, DRAW_MOTION, normals)
+        move(pose[lane], model, control[lane, 0], control[lane, 1], dt[lane], normals)
+        if model.target_kind != NO_TARGET:
+            predict_target(target[lane], state[lane].hypotheses, model, dt[lane])
+
+
+@jit
+def update_lanes(
+    lanes, ranges, bearings, labels, count, models, state, ids, pose, maps, target, log_hypothesis, log_w, w, scratch,
+    gate, threshold,
+):  # fmt: skip
+    """Take in one sweep whose returns say what they are (known association). scratch: [21, N]."""
+    for lane in lanes:
+        begin_sweep(pose[lane], scratch)
+        taken = 0
+        for k in range(count[lane]):
+            taken += _take(
+                lane, ranges[lane, k], bearings[lane, k], labels[lane, k], models[lane], state, ids, pose[lane],
+                maps[lane], target[lane], log_hypothesis[lane], log_w[lane], w[lane], scratch, gate,
+            )  # fmt: skip
+            if taken == FLUSH:
+                gather_weights(log_w[lane], scratch[2], scratch[3])
+                taken = 0
+        if taken > 0:
+            gather_weights(log_w[lane], scratch[2], scratch[3])
+        finish_sweep(lane, state, target[lane], log_hypothesis[lane], log_w[lane], w[lane], threshold)
+
+
+@jit
+def begin_sweep(pose, scratch):
+    """Rows 0 and 1 of the scratch: the headings' cosines and sines; rows 2 and 3: nothing gathered yet."""
+    trigonometry(pose[2], scratch[0], scratch[1])
+    for p in range(scratch.shape[1]):
+        scratch[2, p] = 0.0
+        scratch[3, p] = 1.0
+
+
+@jit
+def finish_sweep(lane, state, target, log_hypothesis, log_w, w, threshold):
+    """Normalise the weights, merge a target's heading hypotheses that agree, see whether to resample."""
+    effective, bad, collapsed = normalise(log_w, w)
+    state[lane].collapsed_weights += collapsed
+    state[lane].bad_weights += bad
+    # A particle that is not a number is replaced at once; else a threshold of zero would keep it for ever.
+    state[lane].due = effective < threshold * w.size or bad > 0
+    if state[lane].hypotheses == HEADINGS:
+        state[lane].hypotheses = settle(target, log_hypothesis, HEADINGS, w)
+
+
+@inline
+def _take(
+    lane, distance, bearing, label, model, state, ids, pose, maps, target, log_hypothesis, log_w, w, scratch, gate
+):
+    """One return; tells whether it put something into the weights still to be gathered."""
+    slot = slot_by_label(ids, lane, state[lane].count, label, distance, bearing, model.target_kind != NO_TARGET)
+    if slot == TARGET_SLOT:
+        return take_target(lane, distance, bearing, model, state, pose, target, log_hypothesis, log_w, w, scratch)
+    if slot == DROPPED:
+        state[lane].dropped += 1
+        return 0
+    x, y, cosine, sine = pose[0], pose[1], scratch[0], scratch[1]
+    range_std, bearing_std = noise_std(model, distance)
+    var_r, var_b = range_std * range_std, bearing_std * bearing_std
+    cb, sb = math.cos(bearing), math.sin(bearing)
+    if slot == NEW:
+        if state[lane].count == maps.shape[0]:
+            state[lane].overflow += 1
+            return 0
+        m = maps[state[lane].count]
+        ids[lane, state[lane].count] = label
+        state[lane].count += 1
+        start_column(m[0], m[1], m[2], m[3], m[4], x, y, cosine, sine, distance, cb, sb, var_r, var_b)
+        return 0
+    m = maps[slot]
+    if gate < math.inf:
+        outside = share_outside(
+            m[0], m[1], m[2], m[3], m[4], x, y, cosine, sine, w, distance, cb, sb, var_r, var_b, gate
+        )
+        if outside > 0.5:
+            state[lane].gated += 1
+            return 0
+    update_column(
+        m[0], m[1], m[2], m[3], m[4], x, y, cosine, sine, scratch[2], scratch[3], distance, cb, sb, var_r, var_b
+    )
+    return 1
+
+
+@jit
+def take_target(lane, distance, bearing, model, state, pose, target, log_hypothesis, log_w, w, scratch):
+    """A return of the target: start it, start it anew, or update it; tells whether something is to be gathered."""
+    x, y, cosine, sine = pose[0], pose[1], scratch[0], scratch[1]
+    terms, work = scratch[4:11], scratch[11:21]
+    range_std, bearing_std = noise_std(model, distance)
+    var_r, var_b = range_std * range_std, bearing_std * bearing_std
+    cb, sb = math.cos(bearing), math.sin(bearing)
+    hypotheses = state[lane].hypotheses
+    restart = False
+    if hypotheses > 0 and model.reinitialise_nis < math.inf:
+        outside = 0.0
+        for g in range(hypotheses):
+            fit_target(target[g], terms, x, y, cosine, sine, distance, cb, sb, var_r, var_b)
+            for p in range(w.size):
+                share = w[p] * math.exp(log_hypothesis[g, p])
+                outside += 0.0 if terms[5, p] <= model.reinitialise_nis else share
+        restart = outside > 0.5
+        state[lane].target_restarts += restart
+    if hypotheses == 0 or restart:
+        state[lane].hypotheses = start_target(
+            target, log_hypothesis, model, x, y, cosine, sine, distance, cb, sb, var_r, var_b
+        )
+        return 0
+    n_t = 3 if model.target_kind == TWIST else 4
+    update_target(
+        target, log_hypothesis, hypotheses, n_t, terms, work, scratch[2], scratch[3], log_w, x, y, cosine, sine,
+        distance, cb, sb, var_r, var_b,
+    )  # fmt: skip
+    return 1
+
+
+@jit
+def resample_lanes(lanes, state, pose, maps, target, log_hypothesis, log_w, w, used, index):
+    """Systematic resampling in the lanes where it is due. index: [3, N] integer scratch."""
+    copies, source, destination = index[0], index[1], index[2]
+    for lane in lanes:
+        if state[lane].due == 0:
+            continue
+        state[lane].due = 0
+        state[lane].resampled += 1
+        u = uniform4(state[lane].key, 0, state[lane].step, DRAW_RESAMPLE, state[lane].resampled)[0]
+        systematic(w[lane], u, copies)
+        count = moves(copies, source, destination)
+        move_columns(pose[lane], source, destination, count)
+        for j in range(state[lane].count):
+            move_columns(maps[lane, j], source, destination, count)
+        for g in range(state[lane].hypotheses):
+            move_columns(target[lane, g], source, destination, count)
+        move_columns(log_hypothesis[lane, : state[lane].hypotheses], source, destination, count)
+        for i in range(count):
+            used[lane, destination[i]] = used[lane, source[i]]
+        for p in range(w.shape[1]):
+            log_w[lane, p] = 0.0
+            w[lane, p] = 1.0 / w.shape[1]
