@@ -63,7 +63,7 @@ def nees_bounds(dof: int, runs: int = 1, probability: float = 0.95) -> tuple[flo
             f"nees_bounds needs dof >= 1, runs >= 1, 0 < probability < 1; got {dof}, {runs}, {probability}"
         )
     tail = 0.5 * (1.0 - probability)
-    low, high = chi2.ppf((tail, 1.0 - tail), runs * dof) / runs
+    low, high = np.asarray(chi2.ppf((tail, 1.0 - tail), runs * dof)) / runs
     return float(low), float(high)
 
 

@@ -49,7 +49,7 @@ class Meter:
         self.num_lanes, self.max_landmarks = int(num_lanes), int(max_landmarks)
         self.landmark_gate = float(landmark_gate)
         self.record: NDArray[np.void] = np.zeros(self.num_lanes, dtype=METRIC)
-        self._values: Floats = self.record.view(np.float64).reshape(self.num_lanes, len(METRIC))
+        self._values: Floats = self.record.view(np.float64).reshape(self.num_lanes, -1)
         self._values.fill(np.nan)
         self._all = np.arange(self.num_lanes)
         self._no_target = np.full((self.num_lanes, 4), np.nan)

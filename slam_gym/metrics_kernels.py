@@ -39,7 +39,7 @@ METRIC = np.dtype(
 (
     _ROBOT_ERROR, _HEADING_ERROR, _TARGET_ERROR, _TARGET_ERROR_REL, _TARGET_VELOCITY_ERROR, _TARGET_HEADING_ERROR,
     _LANDMARK_ERROR, _LANDMARK_GOSPA, _POSE_NEES, _TARGET_NEES, _TARGET_STATE_NEES, _LANDMARK_NEES, _LANDMARK_COUNT,
-) = range(len(METRIC))  # fmt: skip
+) = range(len(METRIC.names or ()))  # fmt: skip
 COORDINATES = {"x": 0, "y": 1, "heading": 2, "velocity_x": 3, "velocity_y": 4, "speed": 5}
 _HEADING = COORDINATES["heading"]
 

@@ -1,0 +1,162 @@
+"""What is made of many runs: means, spreads, consistency, and paired differences with intervals.
+
+A run is the unit: steps within one are strongly correlated, so spreads and intervals are taken over runs. NaN means
+undefined (the target not yet known) and is left out; infinite values (a broken filter) are not.
+"""
+
+import math
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.stats import t as student
+
+from slam_gym.consistency import in95_mean, in95_run
+
+Floats = NDArray[np.float64]
+
+BATCH = 45  # runs whose mean NEES is put against its bounds, as in Tian et al. 2010
+BOOTSTRAP_DRAWS = 2000
+AGES = ((0.0, 2.0, "lt2"), (2.0, 15.0, "2_15"), (15.0, math.inf, "gt15"))
+"""[s] since the target's last return: from, to, and the suffix of the columns split that way."""
+
+
+def row_mean(values: ArrayLike) -> Floats:
+    """Mean of each row [R, T] over its defined steps; NaN where there are none."""
+    x = np.atleast_2d(np.asarray(values, dtype=np.float64))
+    defined = ~np.isnan(x)
+    count = defined.sum(axis=1)
+    total = np.where(defined, x, 0.0).sum(axis=1)
+    return np.where(count > 0, total / np.maximum(count, 1), np.nan)
+
+
+def row_rms(values: ArrayLike) -> Floats:
+    """Root mean square of each row [R, T] over its defined steps."""
+    return np.sqrt(row_mean(np.square(np.asarray(values, dtype=np.float64))))
+
+
+def row_median(values: ArrayLike) -> Floats:
+    """Median of each row [R, T] over its defined steps."""
+    x = np.atleast_2d(np.asarray(values, dtype=np.float64))
+    return np.array([np.median(row[~np.isnan(row)]) if not np.isnan(row).all() else np.nan for row in x])
+
+
+def column_mean(values: ArrayLike) -> Floats:
+    """Mean over runs at each step: [R, T] -> [T]."""
+    return row_mean(np.ascontiguousarray(np.atleast_2d(np.asarray(values, dtype=np.float64)).T))
+
+
+def mean_sd(values: ArrayLike) -> tuple[float, float]:
+    """Mean and standard deviation (n - 1) over runs; a spread needs two runs."""
+    x = _defined(values)
+    if not x.size:
+        return math.nan, math.nan
+    if not np.isfinite(x).all():
+        return math.inf, math.nan
+    return float(x.mean()), float(x.std(ddof=1)) if x.size > 1 else math.nan
+
+
+def pooled_rms(rms_of_runs: ArrayLike) -> tuple[float, float]:
+    """RMSE over all runs from each run's own (each run weighs the same), and the runs' standard deviation."""
+    x = _defined(rms_of_runs)
+    return (float(np.sqrt(np.mean(np.square(x)))) if x.size else math.nan), mean_sd(x)[1]
+
+
+def _defined(values: ArrayLike) -> Floats:
+    x = np.asarray(values, dtype=np.float64).ravel()
+    return x[~np.isnan(x)]
+
+
+@dataclass(frozen=True, slots=True)
+class Consistency:
+    """NEES of a quantity over runs and steps.
+
+    Attributes:
+        mean: ANEES, over all runs and steps where it is defined; the degrees of freedom when honest.
+        median: of the same.
+        in95_run: share of runs and steps inside chi2(d)'s 95 % bounds.
+        in95_mean: share of steps at which the mean over a batch of runs lies inside chi2(R d)/R's.
+        batch: R.
+    """
+
+    mean: float
+    median: float
+    in95_run: float
+    in95_mean: float
+    batch: int
+
+
+def consistency(nees_of_runs: ArrayLike, dof: int, *, batch: int = BATCH) -> Consistency:
+    """Summarise the NEES [R, T] (NaN: undefined) of a quantity with `dof` degrees of freedom."""
+    values = np.atleast_2d(np.asarray(nees_of_runs, dtype=np.float64))
+    defined = _defined(values)
+    if not defined.size:
+        return Consistency(math.nan, math.nan, math.nan, math.nan, 0)
+    share, size = in95_mean(values, dof, batch=batch)
+    return Consistency(float(defined.mean()), float(np.median(defined)), in95_run(values, dof), share, size)
+
+
+def split_by_age(values: ArrayLike, age: ArrayLike) -> dict[str, Floats]:
+    """Values [R, T] where the target was last seen that long ago (`AGES`), NaN elsewhere; by suffix."""
+    x, seconds = np.asarray(values, dtype=np.float64), np.asarray(age, dtype=np.float64)
+    return {suffix: np.where((seconds >= low) & (seconds < high), x, np.nan) for low, high, suffix in AGES}
+
+
+@dataclass(frozen=True, slots=True)
+class Paired:
+    """Mean of the differences a - b of paired runs with its interval; `n` pairs in which both are finite."""
+
+    difference: float
+    low: float
+    high: float
+    n: int
+
+    @property
+    def clear(self) -> bool:
+        """Whether the interval leaves out zero."""
+        return self.low > 0.0 or self.high < 0.0
+
+
+def paired_difference(
+    a: ArrayLike,
+    b: ArrayLike,
+    *,
+    probability: float = 0.95,
+    method: Literal["t", "bootstrap"] = "t",
+    seed: int = 0,
+) -> Paired:
+    """Interval of the mean difference of two methods over the same runs.
+
+    Args:
+        a: [R] one number per run.
+        b: [R] the same of the other method, same runs in the same order.
+        probability: of the interval.
+        method: Student's t over the differences, or the percentile bootstrap over runs (for skewed differences).
+        seed: of the bootstrap.
+
+    Raises:
+        ValueError: lengths differ, an unknown method, or a probability outside (0, 1).
+    """
+    x, y = np.asarray(a, dtype=np.float64).ravel(), np.asarray(b, dtype=np.float64).ravel()
+    if x.shape != y.shape:
+        raise ValueError(f"paired runs must come in equal numbers; got {x.size} and {y.size}")
+    if not 0.0 < probability < 1.0:
+        raise ValueError(f"probability must lie between 0 and 1; got {probability!r}")
+    if method not in ("t", "bootstrap"):
+        raise ValueError(f"method must be 't' or 'bootstrap'; got {method!r}")
+    both = np.isfinite(x) & np.isfinite(y)
+    difference = x[both] - y[both]
+    n = int(difference.size)
+    if n == 0:
+        return Paired(math.nan, math.nan, math.nan, 0)
+    mean = float(difference.mean())
+    if n == 1:
+        return Paired(mean, -math.inf, math.inf, 1)
+    if method == "t":
+        half = float(student.ppf(0.5 + 0.5 * probability, n - 1) * difference.std(ddof=1) / math.sqrt(n))
+        return Paired(mean, mean - half, mean + half, n)
+    index = np.random.default_rng(seed).integers(n, size=(BOOTSTRAP_DRAWS, n))
+    tail = 0.5 * (1.0 - probability)
+    low, high = np.quantile(difference[index].mean(axis=1), [tail, 1.0 - tail])
+    return Paired(mean, float(low), float(high), n)
