@@ -1,0 +1,229 @@
+import math
+
+import numpy as np
+import pygame
+import pytest
+
+from estimators.interface import TARGET
+from slam_gym.render import Frame, History, Layers, Renderer
+from slam_gym.render_canvas import Camera, ellipse_points, font, text
+from slam_gym.render_map import view_outline
+from slam_gym.render_panel import number, rows
+
+LANDMARKS = np.array([[-6.0, -6.0], [6.0, -5.0], [3.0, 0.5], [-5.0, 5.0]])
+
+
+def make_frame(step=0, **changes):
+    """A robot on a line through pillars, a target ahead of it, a belief a little off."""
+    pose = np.array([-4.0 + 0.1 * step, 0.0, 0.1])
+    target = np.array([1.0, 1.0 + 0.05 * step, 1.5])
+    settings = {
+        "time": 0.1 * step, "step": step, "scenario": "default", "estimator": "ekf", "walls": True, "pose": pose,
+        "target": target, "landmarks": LANDMARKS, "landmark_radius": np.full(4, 0.5), "opaque": True,
+        "field_of_view": 2.1, "returns": np.array([[5.1, 0.1], [2.0, -0.6], [3.0, 0.7]]),
+        "sources": np.array([TARGET, -1, 2]), "time_since_seen": 0.0, "belief_pose": pose + [0.3, -0.2, 0.1],
+        "belief_pose_cov": np.diag([0.2, 0.05, 0.01]), "belief_target": target[:2] + [0.2, -0.4],
+        "belief_target_cov": np.array([[0.3, 0.1], [0.1, 0.2]]), "belief_landmarks": LANDMARKS[:2] + 0.3,
+        "belief_landmark_cov": np.tile(0.1 * np.eye(2), (2, 1, 1)),
+        "particles": pose + np.random.default_rng(0).normal(0, 0.8, (40, 3)), "robot_error": 0.36,
+        "heading_error": 0.1, "target_error": 0.45, "pose_nees": 3.0, "target_nees": 1.0,
+    }  # fmt: skip
+    return Frame(**{**settings, **changes})
+
+
+def picture(frame, size=(480, 400), layers=None, history=None, follow=False):
+    renderer = Renderer(size=size)
+    renderer.layers = layers or Layers()
+    renderer.follow = follow
+    return renderer.draw(frame, history)
+
+
+# ------------------------------------------------------------------------------------------------ the whole picture
+
+
+@pytest.mark.parametrize("size", [(800, 600), (200, 160), (1280, 400), (333, 777)])
+def test_a_picture_is_an_array_of_bytes(size):
+    image = picture(make_frame(), size)
+    assert image.shape == (size[1], size[0], 3)
+    assert image.dtype == np.uint8
+    assert image.flags.c_contiguous
+    assert image.flags.writeable
+    assert len(np.unique(image.reshape(-1, 3), axis=0)) > 50
+
+
+def test_the_same_frames_give_the_same_pixels():
+    first, second = Renderer(size=(600, 400)), Renderer(size=(600, 400))
+    for step in range(3):
+        np.testing.assert_array_equal(first.draw(make_frame(step)), second.draw(make_frame(step)))
+
+
+def test_a_window_shows_the_same_pixels(monkeypatch):
+    monkeypatch.setenv("SDL_VIDEODRIVER", "dummy")
+    window, array = Renderer("human", (600, 400)), Renderer("rgb_array", (600, 400))
+    try:
+        assert window.draw(make_frame()) is None
+        shown = pygame.surfarray.array3d(window.window).swapaxes(0, 1)
+        np.testing.assert_array_equal(shown, array.draw(make_frame()))
+        np.testing.assert_array_equal(window.pixels(), array.pixels())
+    finally:
+        window.close()
+    assert window.window is None
+
+
+def test_fonts_survive_a_quit_elsewhere():
+    before = picture(make_frame(), (800, 600))
+    pygame.quit()
+    np.testing.assert_array_equal(picture(make_frame(), (800, 600)), before)
+
+
+@pytest.mark.parametrize(("arguments", "message"), [
+    ({"mode": "ansi"}, "'rgb_array', 'human'; got 'ansi'"), ({"size": (20, 600)}, "at least 160 x 120 pixels"),
+])  # fmt: skip
+def test_impossible_renderers_are_refused(arguments, message):
+    with pytest.raises(ValueError, match=message):
+        Renderer(**arguments)
+
+
+@pytest.mark.parametrize("layer", ["truth", "belief", "ellipses", "trails", "view", "scan", "particles"])
+def test_each_layer_draws_something(layer):
+    history = History()
+    for step in range(20):
+        history.record(make_frame(step))
+    everything = picture(make_frame(20), history=history)
+    without = picture(make_frame(20), layers=Layers(**{layer: False}), history=history)
+    assert (everything != without).any(axis=2).sum() > 20
+
+
+def test_hidden_truth_leaves_no_pixel_that_depends_on_it():
+    """Truth off: moving the true target, robot and landmarks changes nothing on the map."""
+    frame, other = make_frame(), make_frame(landmarks=LANDMARKS - 0.7, target=np.array([-3.0, 4.0, 0.0]))
+    layers = Layers(truth=False)
+    np.testing.assert_array_equal(picture(frame, layers=layers), picture(other, layers=layers))
+
+
+@pytest.mark.parametrize("changes", [
+    {"target": None, "belief_target": None, "belief_target_cov": None, "time_since_seen": None},
+    {"belief_target": None, "belief_target_cov": None, "target_error": math.nan, "target_nees": math.nan},
+    {"landmarks": np.zeros((0, 2)), "landmark_radius": np.zeros(0)},
+    {"belief_landmarks": np.zeros((0, 2)), "belief_landmark_cov": np.zeros((0, 2, 2))},
+    {"returns": np.zeros((0, 2)), "sources": np.zeros(0, dtype=np.int64)},
+    {"particles": None, "pose_nees": math.inf, "robot_error": math.inf},
+    {"belief_pose_cov": np.zeros((3, 3)), "pose_nees": math.nan},
+    {"belief_target_cov": 1e12 * np.eye(2), "belief_target": np.array([1e9, -1e9])},
+])  # fmt: skip
+def test_nothing_that_may_be_missing_or_absurd_stops_the_picture(changes):
+    assert picture(make_frame(**changes), (800, 600)).shape == (600, 800, 3)
+
+
+def test_following_keeps_the_robot_in_the_middle():
+    """The robot's dark symbol stands in the middle of the map wherever it drives."""
+    for x in (-4.0, 30.0):
+        frame = make_frame(pose=np.array([x, 2.0, 0.0]), belief_pose=np.array([x, 2.0, 0.0]))
+        image = picture(frame, (300, 300), layers=Layers(belief=False), follow=True)
+        assert image[150, 150].max() < 90
+
+
+# -------------------------------------------------------------------------------------------------------- geometry
+
+
+def test_the_ellipse_has_the_axes_of_the_eigen_decomposition():
+    cov = np.array([[0.5, 0.2], [0.2, 0.3]])
+    values, vectors = np.linalg.eigh(cov)
+    rel = ellipse_points([2.0, -1.0], cov) - [2.0, -1.0]
+    np.testing.assert_allclose(np.einsum("ni,ij,nj->n", rel, np.linalg.inv(cov), rel), 5.991464547, rtol=1e-9)
+    along = np.abs(rel @ vectors).max(axis=0)
+    np.testing.assert_allclose(along, np.sqrt(5.991464547 * values), rtol=1e-9)
+
+
+def test_the_ellipse_holds_95_percent():
+    rng = np.random.default_rng(0)
+    cov = np.array([[2.0, -1.2], [-1.2, 1.0]])
+    draws = rng.multivariate_normal([0.0, 0.0], cov, 40_000)
+    outline = ellipse_points([0.0, 0.0], cov)
+    following = np.roll(outline, -1, axis=0)
+    edge = following - outline
+    turn = np.sign(np.sum(outline[:, 0] * following[:, 1] - outline[:, 1] * following[:, 0]))
+    inside = np.ones(len(draws), dtype=bool)
+    for start, step in zip(outline, edge, strict=True):
+        inside &= turn * (step[0] * (draws[:, 1] - start[1]) - step[1] * (draws[:, 0] - start[0])) > 0.0
+    assert inside.mean() == pytest.approx(0.95, abs=0.006)  # a polygon of 48 corners loses 0.2 %
+
+
+def test_a_covariance_that_is_not_positive_draws_no_nan():
+    assert np.isfinite(ellipse_points([0.0, 0.0], [[1.0, 0.0], [0.0, -1e-12]])).all()
+
+
+def test_the_camera_shows_the_whole_box_upright():
+    area = pygame.Rect(10, 20, 300, 200)
+    camera = Camera.fit(area, [-10.0, -4.0], [10.0, 4.0], margin=0.1)
+    low, high = camera.pixels([[-10.0, -4.0], [10.0, 4.0]])
+    assert area.left <= low[0] < high[0] <= area.right
+    assert area.top <= high[1] < low[1] <= area.bottom
+    np.testing.assert_allclose(camera.pixels([0.0, 0.0]), area.center)
+    assert high[0] - low[0] == pytest.approx(0.8 * 300)
+
+
+def test_the_view_ends_at_a_pillar():
+    frame = make_frame(landmarks=np.array([[3.0, 0.0]]), landmark_radius=np.array([0.5]), max_range=6.0)
+    outline = view_outline(frame, np.zeros(3))
+    np.testing.assert_allclose(outline[0], 0.0)
+    distance = np.hypot(*outline[1:].T)
+    assert distance[60] == pytest.approx(2.5)  # straight ahead
+    assert distance[0] == distance[-1] == pytest.approx(6.0)
+    shadow = np.degrees(np.arctan2(outline[1:, 1], outline[1:, 0]))[distance < 5.9]
+    assert np.abs(shadow).max() == pytest.approx(np.degrees(math.asin(0.5 / 3.0)), abs=1.1)
+
+
+def test_points_cast_no_shadow_and_a_full_turn_has_no_edge():
+    frame = make_frame(opaque=False, field_of_view=2.0 * math.pi)
+    np.testing.assert_allclose(np.hypot(*view_outline(frame, np.zeros(3)).T), frame.max_range)
+
+
+# ------------------------------------------------------------------------------------------------ history and words
+
+
+def test_history_grows_and_starts_anew_with_an_episode():
+    history = History()
+    for step in range(600):
+        history.record(make_frame(step))
+    assert len(history) == 600
+    np.testing.assert_allclose(history.track("")[:, 0], -4.0 + 0.1 * np.arange(600))
+    assert history.column("seen").all()
+    history.record(make_frame(599, pose_nees=7.0))  # the same step again
+    assert len(history) == 600
+    assert history.column("pose_nees")[-1] == 7.0
+    history.record(make_frame(0))
+    assert len(history) == 1
+
+
+def test_an_unknown_target_interrupts_its_trail():
+    history = History()
+    history.record(make_frame(0))
+    history.record(make_frame(1, belief_target=None, belief_target_cov=None))
+    assert np.isnan(history.track("belief_target_")[1]).all()
+    assert np.isfinite(history.track("target_")[1]).all()
+
+
+def test_the_panel_says_what_is_known_of_the_target():
+    seen = dict(rows(make_frame()))
+    assert seen["target"] == "in view"
+    assert seen["landmarks mapped"] == "2 of 4"
+    unseen = dict(rows(make_frame(sources=np.array([-1, 0, 2]), time_since_seen=3.25)))
+    assert unseen["target"] == "unseen 3.2 s"
+    never = dict(rows(make_frame(sources=np.array([-1, 0, 2]), time_since_seen=math.inf)))
+    assert never["target"] == "not seen yet"
+    assert not any("target" in name for name in dict(rows(make_frame(target=None))))
+
+
+def test_numbers_are_short():
+    assert number(1.234, "m") == "1.23 m"
+    assert number(math.nan, "m") == "–"
+    assert number(math.inf, "") == "> 10⁴"
+
+
+def test_long_words_are_cut():
+    surface = pygame.Surface((200, 40), 0, 32)
+    text(surface, "a rather long name of an estimator", (0, 0), (255, 255, 255), 14, max_width=90)
+    lit = pygame.surfarray.array3d(surface).any(axis=(1, 2))
+    assert 60 < np.flatnonzero(lit).max() <= 90
+    assert font(14) is font(14)
