@@ -108,10 +108,13 @@ class _StampedLocator(caching._CacheLocator):
 
     @classmethod
     def from_function(cls, py_func: Callable[..., Any], py_file: str) -> "_StampedLocator | None":
-        if not getattr(py_func, "__slam_gym_kernel__", False) or not Path(py_file).is_file():
+        if not getattr(py_func, "__slam_gym_kernel__", False):
             return None
         locator = cls(py_func, py_file)
-        return locator if _writable(Path(locator.get_cache_path())) else None
+        # Declining would hand our kernels to numba's own locators, whose stamp misses edits to called functions.
+        if not Path(py_file).is_file() or not _writable(Path(locator.get_cache_path())):
+            raise RuntimeError("no folder for this compiled kernel")
+        return locator
 
 
 if _StampedLocator not in caching.CacheImpl._locator_classes:
@@ -124,7 +127,7 @@ def jit(function: Callable[..., Any], /, **options: Any) -> Any:
     settings = {**OPTIONS, **options}
     try:
         return numba.njit(cache=True, **settings)(function)
-    except RuntimeError:  # no locator: nowhere to write, or a function typed at a prompt
+    except RuntimeError:  # nowhere to write, or a function typed at a prompt
         return numba.njit(**settings)(function)
 
 

@@ -1,41 +1,49 @@
-"""Small dense linear algebra for kernels: symmetric 2x2 and 3x3 blocks, written out."""
+"""Small dense linear algebra for kernels."""
 
 import math
 
 from estimators.kernels.jit import inline
 
-
-@inline
-def chol2(a00, a01, a11):
-    """Lower Cholesky factor (l00, l10, l11) of a symmetric 2x2; NaN where it is not positive definite."""
-    l00 = math.sqrt(a00)
-    l10 = a01 / l00
-    return l00, l10, math.sqrt(a11 - l10 * l10)
+PIVOT_FLOOR = 1e-14  # a pivot below this share of the largest diagonal entry counts as zero
 
 
 @inline
-def inv2(a00, a01, a11):
-    """Inverse (i00, i01, i11) and determinant of a symmetric 2x2."""
-    det = a00 * a11 - a01 * a01
-    return a11 / det, -a01 / det, a00 / det, det
+def semidefinite_cholesky(A, n):
+    """Lower Cholesky factor of a positive semidefinite matrix, in place of A[:n, :n], zeros above the diagonal.
+
+    A pivot that is zero, up to rounding, gives a column of zeros: a known start (P = 0) and an offset along one
+    direction (rank 1) are legal. Only the lower triangle is read.
+    """
+    largest = 0.0
+    for j in range(n):
+        largest = max(largest, A[j, j])
+    floor = PIVOT_FLOOR * largest
+    for j in range(n):
+        pivot = A[j, j]
+        for k in range(j):
+            pivot -= A[j, k] * A[j, k]
+            A[k, j] = 0.0
+        if not pivot > floor:
+            for i in range(j, n):
+                A[i, j] = 0.0
+            continue
+        root = math.sqrt(pivot)
+        A[j, j] = root
+        for i in range(j + 1, n):
+            value = A[i, j]
+            for k in range(j):
+                value -= A[i, k] * A[j, k]
+            A[i, j] = value / root
 
 
 @inline
-def quad2(i00, i01, i11, x, y):
-    """The quadratic form [x y] I [x y]' of a symmetric 2x2."""
-    return i00 * x * x + 2.0 * i01 * x * y + i11 * y * y
-
-
-@inline
-def quad3_inverse(a00, a01, a02, a11, a12, a22, x, y, z):
-    """The form v' A^-1 v of a symmetric 3x3 through its Cholesky factor; NaN where A is not positive definite."""
-    l00 = math.sqrt(a00)
-    l10 = a01 / l00
-    l20 = a02 / l00
-    l11 = math.sqrt(a11 - l10 * l10)
-    l21 = (a12 - l20 * l10) / l11
-    l22 = math.sqrt(a22 - l20 * l20 - l21 * l21)
-    s0 = x / l00
-    s1 = (y - l10 * s0) / l11
-    s2 = (z - l20 * s0 - l21 * s1) / l22
-    return s0 * s0 + s1 * s1 + s2 * s2
+def solve_transposed(C, n, D, row, out):
+    """Solve out[row] C = D[row] (rows of n numbers) for a semidefinite factor C: zero where its pivot is zero."""
+    for j in range(n - 1, -1, -1):
+        if C[j, j] == 0.0:
+            out[row, j] = 0.0
+            continue
+        value = D[row, j]
+        for k in range(j + 1, n):
+            value -= C[k, j] * out[row, k]
+        out[row, j] = value / C[j, j]

@@ -90,7 +90,7 @@ class Plain(SingleLaneEstimator):
         G = np.array([[1.0, 0.0, -r * s], [0.0, 1.0, r * c]])
         noise = np.array([[c, -r * s], [s, r * c]])
         R = noise @ np.diag([sensor.range_std**2, sensor.bearing_std**2]) @ noise.T
-        return state["mu"][:2] + [r * c, r * s], G @ state["P"][:3], R
+        return np.add(state["mu"][:2], [r * c, r * s]), G @ state["P"][:3], R
 
     def append(self, state, sensor, label, r, b):
         if len(state["ids"]) == self.max_landmarks:

@@ -1,0 +1,86 @@
+"""Compiled kernels on disk: an edit anywhere below a kernel is noticed, a blocked folder costs only the cache."""
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from estimators.kernels import jit as jit_module
+
+CALLEE = """
+from estimators.kernels.jit import inline
+
+@inline
+def helper(x):
+    return {factor} * x
+"""
+CALLER = """
+from agents.callee import helper
+from estimators.kernels.jit import jit
+
+@jit
+def kernel(x):
+    return helper(x) + 1.0
+"""
+SCRIPT = "from agents.caller import kernel; print(kernel(10.0), sum(kernel.stats.cache_hits.values()))"
+
+
+@pytest.fixture
+def project(tmp_path):
+    package = tmp_path / "agents"
+    package.mkdir()
+    (package / "__init__.py").touch()
+    (package / "callee.py").write_text(CALLEE.format(factor=2.0))
+    (package / "caller.py").write_text(CALLER)
+    return tmp_path
+
+
+def run(project: Path, cache: Path) -> list[float]:
+    root = Path(jit_module.__file__).resolve().parents[2]
+    paths = os.pathsep.join([str(project), str(root)])
+    environment = {**os.environ, "PYTHONPATH": paths, "SLAM_GYM_CACHE_DIR": str(cache)}
+    command = [sys.executable, "-W", "error", "-c", SCRIPT]
+    done = subprocess.run(command, cwd=project, env=environment, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    return [float(word) for word in done.stdout.split()]
+
+
+def test_an_edit_of_a_called_function_in_another_file_is_noticed(project):
+    cache = project / "cache"
+    assert run(project, cache) == [21.0, 0]
+    assert run(project, cache) == [21.0, 1]
+    (project / "agents" / "callee.py").write_text(CALLEE.format(factor=3.0))
+    assert run(project, cache) == [31.0, 0]
+
+
+def test_a_cache_folder_that_cannot_be_written_costs_the_cache_only(project):
+    blocked = project / "file"
+    blocked.touch()
+    assert run(project, blocked / "cache") == [21.0, 0]
+    assert not list(project.rglob("*.nbi"))
+
+
+def test_the_cache_folder_is_the_users_choice(monkeypatch, tmp_path):
+    monkeypatch.setenv("SLAM_GYM_CACHE_DIR", str(tmp_path))
+    assert jit_module.cache_root() == tmp_path
+    monkeypatch.delenv("SLAM_GYM_CACHE_DIR")
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    monkeypatch.delenv("LOCALAPPDATA", raising=False)
+    assert jit_module.cache_root() == tmp_path / "slam-gym" / "kernels"
+
+
+def test_the_stamp_reaches_through_imports():
+    names = {file.name for file in jit_module._imported_files("from estimators.kernels import angles, random\n")}
+    assert {"angles.py", "random.py"} <= names
+    names = {
+        file.name for file in jit_module._imported_files("from estimators.kernels.angles import wrap\nimport numpy\n")
+    }
+    assert names == {"angles.py"}
+
+
+def test_a_function_without_a_file_still_compiles():
+    scope = {}
+    exec("def double(x):\n    return 2.0 * x\n", scope)
+    assert jit_module.jit(scope["double"])(4.0) == 8.0

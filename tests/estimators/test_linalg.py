@@ -1,0 +1,56 @@
+"""The semidefinite Cholesky factor and its solve, against NumPy and on singular matrices."""
+
+import numpy as np
+import pytest
+
+from estimators.kernels.linalg import semidefinite_cholesky, solve_transposed
+
+RNG = np.random.default_rng(3)
+
+
+def factor(matrix):
+    C = np.array(matrix, dtype=float)
+    semidefinite_cholesky(C, len(C))
+    return C
+
+
+@pytest.mark.parametrize("n", [1, 3, 5])
+def test_a_definite_matrix_has_numpys_factor(n):
+    root = RNG.standard_normal((n, n))
+    matrix = root @ root.T
+    assert factor(matrix) == pytest.approx(np.linalg.cholesky(matrix), abs=1e-12)
+
+
+@pytest.mark.parametrize("rank", [0, 1, 2, 4])
+def test_a_singular_matrix_is_the_square_of_its_factor(rank):
+    root = RNG.standard_normal((5, rank))
+    matrix = root @ root.T
+    C = factor(matrix)
+    assert C @ C.T == pytest.approx(matrix, abs=1e-7)
+    assert (np.count_nonzero(np.diag(C)) == rank) and np.array_equal(C, np.tril(C))
+
+
+def test_a_known_coordinate_gives_a_column_of_zeros():
+    C = factor(np.diag([4.0, 0.0, 9.0]))
+    assert np.array_equal(C, np.diag([2.0, 0.0, 3.0]))
+
+
+def test_only_the_lower_triangle_of_the_leading_block_is_read():
+    C = np.full((5, 5), np.nan)
+    C[:2, :2] = [[4.0, np.nan], [2.0, 5.0]]
+    semidefinite_cholesky(C, 2)
+    assert np.array_equal(C[:2, :2], [[2.0, 0.0], [1.0, 2.0]])
+
+
+def test_the_solve_is_numpys():
+    root = RNG.standard_normal((5, 5))
+    C, D, out = factor(root @ root.T), RNG.standard_normal((2, 5)), np.zeros((2, 5))
+    for row in range(2):
+        solve_transposed(C, 5, D, row, out)
+    assert out @ C == pytest.approx(D, abs=1e-10)
+
+
+def test_the_solve_of_a_singular_factor_is_the_slope_over_what_varies():
+    C, out = factor(np.diag([4.0, 0.0, 9.0])), np.full((1, 3), np.nan)
+    solve_transposed(C, 3, np.array([[2.0, 5.0, 6.0]]), 0, out)
+    assert np.array_equal(out, [[1.0, 0.0, 2.0]])
