@@ -96,7 +96,8 @@ class Policy(ABC):
         **options: the policy's own, keyword-only, each with a default, documented by each class.
 
     Attributes:
-        finished: [L] whether the policy has nothing left to do in a lane (the end of a route); episodes may end there.
+        finished: [L] set by `act` where nothing is left to do (a route is at its end): that action need not be
+            carried out any more, and the episode may end.
     """
 
     summary: ClassVar[str] = ""  # one line for `slam-gym list`

@@ -63,8 +63,10 @@ class Frame:
     target_nees: float = math.nan  # 2
 
     @classmethod
-    def from_simulation(cls, simulation: "Simulation", lane: int = 0, index: int = 0) -> Self:
-        """The present of one lane, with the belief of the estimator at `index`."""
+    def from_simulation(
+        cls, simulation: "Simulation", lane: int = 0, index: int = 0, *, label: str | None = None
+    ) -> Self:
+        """The present of one lane, with the belief of the estimator at `index`; label: what to call it."""
         world, scenario = simulation.world, simulation.scenario
         count = int(world.landmark_count[lane])
         number = int(world.scan.count[lane])
@@ -74,7 +76,7 @@ class Frame:
             time=step * float(scenario.dt),
             step=step,
             scenario=scenario.name,
-            estimator=simulation.names[index],
+            estimator=label or simulation.estimators[index].name,
             arena=(float(scenario.arena.size[0]), float(scenario.arena.size[1])),
             walls=bool(scenario.arena.walls),
             pose=world.pose[lane].copy(),

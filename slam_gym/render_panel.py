@@ -36,13 +36,15 @@ NEES_TICKS = (0.1, 1.0, 10.0, 100.0)
 PLOT_POINTS = 400  # a longer series is thinned out
 SHORTEST_TIME = 5.0  # [s] on the time axis
 
+UNDEFINED = "\u2013"  # an en dash
+
 Row = tuple[str, str]
 
 
 def number(value: float, unit: str, digits: int = 2) -> str:
     """A number with its unit; a dash where it is undefined."""
     if math.isnan(value):
-        return "–"  # noqa: RUF001
+        return UNDEFINED
     if value >= 1e4:
         return f"> 10⁴{unit and ' ' + unit}"
     return f"{value:.{digits}f}{unit and ' ' + unit}"

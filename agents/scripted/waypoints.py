@@ -30,8 +30,8 @@ def _steer(x, y, heading, steering, point_x, point_y, rate, limit):
 def _follow(pose, points, settings, bicycle, steering, next_point, finished, command):
     """One command per lane: steer to the next point.
 
-    At the last point a lane is finished: it keeps its command for that step, as the standard simulator does, then
-    stops.
+    Where the last point is reached, a lane keeps its command for one more decision, as the standard simulator does;
+    at the next one it is finished and stops.
 
     pose [L, 3]; points [n, 2]; settings: (speed, radius [m], steering change per decision, steering limit, turn gain,
     turn limit); steering [L], next_point [L], finished [L]: state; command [L, 2]: output.
@@ -39,17 +39,17 @@ def _follow(pose, points, settings, bicycle, steering, next_point, finished, com
     speed, radius, rate, limit, gain, turn_limit = settings
     for lane in range(command.shape[0]):
         x, y, heading = pose[lane]
-        if finished[lane]:
+        i = next_point[lane]
+        if i == points.shape[0]:
+            finished[lane] = True
             command[lane, 0] = 0.0
             command[lane, 1] = steering[lane] if bicycle else 0.0
             continue
-        i = next_point[lane]
         if math.hypot(points[i, 0] - x, points[i, 1] - y) < radius:
             i += 1
-            if i == points.shape[0]:
-                finished[lane] = True
-                continue
             next_point[lane] = i
+            if i == points.shape[0]:
+                continue
         command[lane, 0] = speed
         if bicycle:
             steering[lane] = _steer(x, y, heading, steering[lane], points[i, 0], points[i, 1], rate, limit)

@@ -25,17 +25,17 @@ def reset(policy):
 @pytest.mark.skipif(not PUBLISHED.is_file(), reason="the published map is not here")
 def test_published_loop_takes_8779_steps(published_context):
     policy = reset(policies.make("waypoints", published_context, file=str(PUBLISHED), follow="commands"))
-    steps = 0
-    while not policy.finished[0] and steps < 10_000:
-        action = policy.act(None, None)
-        steps += 1
-    assert steps == 8779
-    assert steps // 8 == 1097
-    assert action[0, 0] == 1.0  # the last step is still driven
-    assert policy.act(None, None)[0, 0] == 0.0
+    actions = []
+    while not policy.finished[0] and len(actions) < 10_000:
+        actions.append(policy.act(None, None)[0, 0])
+    driven = np.array(actions[:-1])  # the action at which the policy is finished is not carried out
+    assert (driven == 1.0).all()
+    assert actions[-1] == 0.0
+    assert len(driven) == 8779
+    assert len(driven) // 8 == 1097
 
 
-def literal_law(points, dt, speed=3.0, wheelbase=4.0, limit=math.radians(30), rate=math.radians(20)):
+def literal_law(points, dt, speed=3.0, wheelbase=4.0, limit=math.pi / 6, rate=math.pi / 9):
     """The standard simulator's loop as it is usually written, scalar."""
     x = y = heading = steering = 0.0
     i, path = 0, []
@@ -67,8 +67,10 @@ def test_steers_as_the_standard_simulator(published_context, make_belief, move):
         np.testing.assert_allclose(blind.command[0], [3.0, steering], atol=1e-9)
         np.testing.assert_allclose(seeing.command, blind.command, atol=1e-9)
         pose = move(pose, blind.command, 0.025, 4.0)
-    assert blind.finished[0]
-    assert seeing.finished[0]
+    for policy in (blind, seeing):
+        assert not policy.finished[0]
+        policy.act(None, make_belief(pose))
+        assert policy.finished[0]
 
 
 def test_unicycle_visits_every_point_once_and_stops(make_context, make_belief, move):

@@ -1,0 +1,56 @@
+"""`slam-gym watch`: an episode in a window."""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated
+
+import tyro
+
+
+@dataclass(frozen=True)
+class Watch:
+    """Watch robot, target and estimators live in a window; its keys are listed on screen.
+
+    Every estimator processes the same data: `tab` shows the next one. The policy drives on the first one's belief,
+    until you take over with the arrow keys.
+
+    Examples:
+      slam-gym watch
+      slam-gym watch discovery --estimators ri-ekf ekf
+      slam-gym watch slamto --estimators slamto ekf --policy pursuit:stand_off=2
+    """
+
+    scenario: Annotated[str, tyro.conf.Positional] = "default"
+    """Name of a scenario (`slam-gym list scenarios`) or path of a TOML file."""
+    estimators: tuple[str, ...] = ("ekf",)
+    """Estimators (`slam-gym list estimators`), options as slamto:num_particles=500; the policy acts on the first."""
+    policy: str | None = None
+    """A policy (`slam-gym list policies`), with options as pursuit:stand_off=2; default: the scenario's own."""
+    set: tuple[str, ...] = ()
+    """Scenario settings to change, such as sensor.max_range=5."""
+    seed: int = 0
+    """Of the first world; `enter` goes on to the next."""
+    size: tuple[int, int] = (1200, 800)
+    """Width and height of the window [px]; it can be resized."""
+    folder: Path = Path()
+    """Where `s` saves pictures."""
+
+    def run(self) -> int:
+        """Open the window and run until it is closed."""
+        from slam_gym.episode import Episode
+        from slam_gym.render import Renderer
+        from slam_gym.scenario import Scenario
+        from slam_gym.specs import parse_settings
+        from slam_gym.viewer import FPS, Viewer, check_display
+
+        scenario = Scenario.load(self.scenario, **parse_settings(self.set))
+        episode = Episode(scenario, self.estimators, policy=self.policy, seed=self.seed)
+        check_display()
+        renderer = Renderer("human", self.size, title=f"slam-gym: {scenario.name}", fps=FPS)
+        try:
+            Viewer(episode, renderer, self.folder).loop()
+        except KeyboardInterrupt:
+            return 130
+        finally:
+            renderer.close()
+        return 0

@@ -1,0 +1,174 @@
+"""The live view: an episode in a window, driven by the clock and by keys."""
+
+import time
+from pathlib import Path
+
+import numpy as np
+import pygame
+from numpy.typing import NDArray
+
+from slam_gym.episode import Episode
+from slam_gym.render import Frame, History, Renderer
+
+KEYS = (
+    ("space n", "pause, one step"),
+    ("+ \u2212", "faster, slower"),
+    ("tab", "next estimator"),
+    ("t b e r", "truth, belief, ellipses, trails"),
+    ("f", "follow the robot"),
+    ("arrows p", "drive, policy again"),
+    ("enter", "next world"),
+    ("s q", "save a PNG, quit"),
+)
+TOGGLES = {"t": "truth", "b": "belief", "e": "ellipses", "r": "trails", "v": "view", "c": "scan", "x": "particles"}
+FASTEST, SLOWEST = 64.0, 1.0 / 16.0  # times real time
+BUSY = 0.5  # share of a picture's time that may go into simulation before it lags behind the clock
+FPS = 60.0
+NOTE_TIME = 2.0  # [s] that a message stays
+
+
+class Viewer:
+    """Runs an episode at a multiple of real time and obeys keys.
+
+    Args:
+        episode: what runs; every estimator of it can be shown.
+        renderer: where to; its window has the keyboard.
+        folder: for saved pictures.
+    """
+
+    def __init__(self, episode: Episode, renderer: Renderer, folder: Path = Path()) -> None:
+        self.episode, self.renderer, self.folder = episode, renderer, folder
+        self.shown, self.paused, self.running, self.speed = 0, False, True, 1.0
+        self.manual = False
+        self._histories = [History() for _ in episode.names]
+        self._owed = 0.0  # [s] of simulated time that the clock is ahead
+        self._message, self._message_until = "", 0.0
+        self._held: set[int] = set()
+        renderer.keys = KEYS
+        self._record()
+
+    def loop(self) -> None:
+        """Until the window is closed or `q` pressed."""
+        before = time.perf_counter()
+        while self.running:
+            for event in pygame.event.get():
+                self.handle(event)
+            now = time.perf_counter()
+            self.tick(now - before)
+            before = now
+
+    def tick(self, elapsed: float) -> None:
+        """Simulate what `elapsed` seconds of the clock ask for, as far as time allows, and draw."""
+        if not self.paused and not self.episode.finished:
+            self._owed += self.speed * min(elapsed, 0.25)
+            deadline = time.perf_counter() + BUSY / FPS
+            dt = self.episode.context.step_dt
+            while self._owed >= dt and not self.episode.finished:
+                self._step()
+                self._owed -= dt
+                if time.perf_counter() > deadline:
+                    self._owed = 0.0
+        self._draw()
+
+    def handle(self, event: pygame.event.Event) -> None:
+        """Obey one event."""
+        if event.type == pygame.QUIT:
+            self.running = False
+        elif event.type == pygame.KEYUP:
+            self._held.discard(event.key)
+        elif event.type == pygame.KEYDOWN:
+            self._press(event.key, event.unicode)
+
+    def _press(self, key: int, character: str) -> None:
+        if key in (pygame.K_LEFT, pygame.K_RIGHT, pygame.K_UP, pygame.K_DOWN):
+            self.manual = True
+            self._held.add(key)
+        elif key in (pygame.K_RETURN, pygame.K_KP_ENTER):
+            self.episode.reset(self.episode.seed + 1)
+            self._record()
+        elif key == pygame.K_SPACE:
+            self.paused = not self.paused
+        elif key == pygame.K_TAB:
+            self.shown = (self.shown + 1) % len(self.episode.names)
+        elif key == pygame.K_ESCAPE or character == "q":
+            self.running = False
+        elif character in ("+", "="):
+            self.speed = min(FASTEST, 2.0 * self.speed)
+        elif character in ("-", "_"):
+            self.speed = max(SLOWEST, 0.5 * self.speed)
+        else:
+            self._press_letter(character)
+
+    def _press_letter(self, character: str) -> None:
+        if character in TOGGLES:
+            layer = TOGGLES[character]
+            setattr(self.renderer.layers, layer, not getattr(self.renderer.layers, layer))
+        elif character == "n":
+            self.paused = True
+            if not self.episode.finished:
+                self._step()
+        elif character == "f":
+            self.renderer.follow = not self.renderer.follow
+        elif character == "p":
+            self.manual = False
+        elif character == "s":
+            self._save()
+
+    def _step(self) -> None:
+        self.episode.step(self._manual_command() if self.manual else None)
+        self._record()
+
+    def _manual_command(self) -> NDArray[np.float64]:
+        """[1, 2] what the held arrow keys say: full speed, and 60 % of the highest turn rate or steering angle."""
+        context = self.episode.context
+        forward = (pygame.K_UP in self._held) - (pygame.K_DOWN in self._held)
+        left = (pygame.K_LEFT in self._held) - (pygame.K_RIGHT in self._held)
+        speed = forward * context.speed_max if forward > 0 else -forward * min(context.speed_min, 0.0)
+        turn = context.steering_max if context.is_bicycle else context.turn_max
+        return np.array([[speed, 0.6 * left * turn]])
+
+    def _record(self) -> None:
+        """Keep every estimator's history, so that switching shows whole trails."""
+        for i, history in enumerate(self._histories):
+            history.record(self._frame(i))
+
+    def _frame(self, index: int) -> Frame:
+        return Frame.from_simulation(self.episode.simulation, 0, index, label=self.episode.names[index])
+
+    def _draw(self) -> None:
+        self.renderer.note = self._note()
+        self.renderer.draw(self._frame(self.shown), self._histories[self.shown])
+
+    def _note(self) -> str:
+        if time.perf_counter() < self._message_until:
+            return self._message
+        if self.episode.finished:
+            return "end of the episode"
+        speed = f"{self.speed:g}" if self.speed >= 1.0 else f"1/{1.0 / self.speed:g}"
+        words = ["paused" if self.paused else f"{speed} x real time"]
+        if self.manual:
+            words.append("you drive")
+        return ", ".join(words)
+
+    def _save(self) -> None:
+        name = f"{self.episode.scenario.name}-{self.episode.names[self.shown]}-{self.episode.step_count}.png"
+        safe = "".join(c if c.isalnum() or c in "-._=" else "_" for c in name)
+        try:
+            pygame.image.save(self.renderer.surface, str(self.folder / safe))
+            self._message = f"saved {safe}"
+        except (OSError, pygame.error) as error:
+            self._message = f"not saved: {error}"
+        self._message_until = time.perf_counter() + NOTE_TIME
+
+
+def check_display() -> None:
+    """Say what to do where no window can be opened.
+
+    Raises:
+        ValueError: there is no display.
+    """
+    try:
+        pygame.display.init()
+    except pygame.error as error:
+        hint = "`slam-gym run --video out.gif` needs none"
+        raise ValueError(f"no window can be opened here ({error}); {hint}") from error
