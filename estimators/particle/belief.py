@@ -75,9 +75,9 @@ def fill_map_lanes(
         for j in range(shown):
             mapped[lane, j] = True
             out_ids[lane, j] = j if own_maps else ids[lane, j]
-            m = maps[lane, j]
+            m, column = maps[lane, j], maps[lane, j : j + 1]
             landmark_moments(m[0], m[1], m[2], m[3], m[4], weights, mean[lane, j], cov[lane, j])
             relative_moments(
-                m[0:1], m[1:2], m[2:3], m[3:4], m[4:5], flat, 1, pose[lane], weights, relative[lane, j],
-                relative_cov[lane, j],
+                column[:, 0], column[:, 1], column[:, 2], column[:, 3], column[:, 4], flat, 1, pose[lane], weights,
+                relative[lane, j], relative_cov[lane, j],
             )  # fmt: skip

@@ -10,7 +10,6 @@ import math
 from estimators.kernels.angles import wrap
 from estimators.kernels.elementary import sincos, wrap_smooth
 from estimators.kernels.jit import inline, jit
-from estimators.models import TWIST
 
 
 @jit

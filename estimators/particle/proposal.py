@@ -40,23 +40,27 @@ def _box_muller(log_u, turn):
         turn[i] = r * s
 
 
-@jit
-def draw_start(pose, mean, cov, key, normals):
+def draw_start(mean, cov, key, num_particles):
     """Particles [3, N] from N(mean, cov); a zero or singular covariance is legal."""
-    l00 = math.sqrt(max(cov[0, 0], 0.0))
-    l10 = cov[1, 0] / l00 if l00 > 0.0 else 0.0
-    l20 = cov[2, 0] / l00 if l00 > 0.0 else 0.0
-    l11 = math.sqrt(max(cov[1, 1] - l10 * l10, 0.0))
-    l21 = (cov[2, 1] - l20 * l10) / l11 if l11 > 1e-12 * math.sqrt(cov[1, 1]) else 0.0
-    l22 = math.sqrt(max(cov[2, 2] - l20 * l20 - l21 * l21, 0.0))
-    half = normals.shape[1]
+    half = (num_particles + 1) // 2
+    normals = np.empty((2, 4, half))
     for part in range(2):
-        draw_normals(key, part, DRAW_START, normals)
-        for p in range(part * half, min((part + 1) * half, pose.shape[1])):
-            a, b, c = normals[0, p - part * half], normals[1, p - part * half], normals[2, p - part * half]
-            pose[0, p] = mean[0] + l00 * a
-            pose[1, p] = mean[1] + l10 * a + l11 * b
-            pose[2, p] = wrap_smooth(mean[2] + l20 * a + l21 * b + l22 * c)
+        draw_normals(key, part, DRAW_START, normals[part])
+    z = normals.transpose(1, 0, 2).reshape(4, 2 * half)[:3, :num_particles]
+    factor = _semidefinite_factor(cov)
+    pose = mean[:, None] + sum(factor[:, i, None] * z[i] for i in range(3))
+    pose[2] = (pose[2] + np.pi) % (2.0 * np.pi) - np.pi
+    return pose
+
+
+def _semidefinite_factor(cov):
+    """Lower triangular L with L L' = cov; columns without variance are zero."""
+    L = np.zeros_like(cov)
+    for j in range(len(cov)):
+        rest = cov[j:, j] - L[j:, :j] @ L[j, :j]
+        if rest[0] > 1e-15 * cov[j, j]:
+            L[j:, j] = rest / np.sqrt(rest[0])
+    return L
 
 
 @jit

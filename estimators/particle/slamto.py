@@ -10,7 +10,10 @@ from estimators.kernels.random import lane_key
 from estimators.models import TWIST, MotionModel, SensorModel, TargetModel
 from estimators.particle.belief import fill_map_lanes, fill_pose_lanes, fill_target_lanes
 from estimators.particle.layout import EVENTS, HEADINGS, LANE, MAP_ROWS, TWIST_ROWS, VELOCITY_ROWS
-from estimators.particle.steps import predict_lanes, resample_lanes, start_lanes, update_lanes
+from estimators.particle.nearest import update_nearest_lanes
+from estimators.particle.proposal import draw_start
+from estimators.particle.steps import predict_lanes, resample_lanes, update_lanes
+from estimators.particle.target import target_rows
 
 _KEY_PURPOSE = 17  # keeps the filter's stream apart from a world's that is given the same seed
 _ASSOCIATIONS = ("known", "nearest")
@@ -119,6 +122,7 @@ class SLAMTO(Estimator):
         self._normals = np.zeros((4, (N + 1) // 2))
         self._index = np.zeros((3, N), dtype=np.int64)
         self._dt = np.zeros(L)
+        self._returns = (np.zeros((0, N)), np.zeros((0, N)), np.zeros((0, N), dtype=np.int64), np.zeros(0))
 
     def reset(
         self,
@@ -132,17 +136,18 @@ class SLAMTO(Estimator):
     ) -> None:
         """See `Estimator.reset`: particles are drawn from the prior."""
         prior = self._prior(pose, pose_cov, seeds, target, target_cov, lanes)
-        chosen, n = prior.lanes, len(prior.lanes)
-        n_t = len(self.target_names)
+        chosen = prior.lanes
         self._state[chosen] = np.zeros((), dtype=LANE)
         self._ids[chosen] = -1
-        keys = np.array([lane_key(seed, _KEY_PURPOSE) for seed in prior.seeds], dtype=np.uint64)
-        mean = prior.target if prior.target is not None else np.zeros((n, n_t))
-        cov = prior.target_cov if prior.target_cov is not None else np.zeros((n, n_t, n_t))
-        start_lanes(
-            chosen, prior.pose, prior.pose_cov, keys, prior.target is not None, mean, cov, self._state, self._pose,
-            self._log_w, self._w, self._used, self._target, self._log_hypothesis, self._normals,
-        )  # fmt: skip
+        self._log_w[chosen], self._w[chosen], self._used[chosen] = 0.0, 1.0 / self.num_particles, 0
+        for i, lane in enumerate(chosen):
+            key = lane_key(prior.seeds[i], _KEY_PURPOSE)
+            self._state["key"][lane] = key
+            self._pose[lane] = draw_start(prior.pose[i], prior.pose_cov[i], key, self.num_particles)
+            if prior.target is not None and prior.target_cov is not None:
+                self._target[lane, 0] = target_rows(prior.target[i], prior.target_cov[i])[:, None]
+                self._log_hypothesis[lane, 0] = 0.0
+                self._state["hypotheses"][lane] = 1
         self.belief.mark_stale()
 
     def predict(self, control: Floats, dt: float | Floats, *, lanes: Ints | None = None) -> None:
@@ -164,8 +169,19 @@ class SLAMTO(Estimator):
                 self.gate, self.resample_threshold,
             )  # fmt: skip
         else:
-            raise NotImplementedError
+            self._widen(scan.ranges.shape[1])
+            update_nearest_lanes(
+                chosen, scan.ranges, scan.bearings, scan.labels, scan.count, self.models, self._state, self._pose,
+                self._maps, self._used, self._target, self._log_hypothesis, self._log_w, self._w, self._scratch,
+                *self._returns, self.match_gate, self.new_gate, self.resample_threshold,
+            )  # fmt: skip
         self.belief.mark_stale()
+
+    def _widen(self, width: int) -> None:
+        """Scratch for `width` returns."""
+        if self._returns[0].shape[0] < width:
+            shape = (width, self.num_particles)
+            self._returns = (np.zeros(shape), np.zeros(shape), np.zeros(shape, dtype=np.int64), np.zeros(width))
 
     def _resample(self, chosen: Ints) -> None:
         resample_lanes(

@@ -1,4 +1,4 @@
-"""One lane's life as compiled kernels: start, predict, take in a sweep by its labels, resample.
+"""One lane's life as compiled kernels: predict, take in a sweep by its labels, resample.
 
 Each `..._lanes` kernel loops over the lanes it is given; a lane reads and writes its own rows only, and its random
 draws are functions of its own key and step, so that L lanes are L single runs bit for bit.
@@ -14,36 +14,16 @@ from estimators.kernels.resampling import move_columns, moves, normalise, system
 from estimators.models import NO_TARGET, TWIST
 from estimators.particle.columns import gather_weights, share_outside, start_column, update_column
 from estimators.particle.layout import DRAW_MOTION, DRAW_RESAMPLE, HEADINGS
-from estimators.particle.proposal import draw_normals, draw_start, move, trigonometry
+from estimators.particle.proposal import draw_normals, move, trigonometry
 from estimators.particle.target import (
     fit_target,
     predict_target,
-    set_target,
     settle,
     start_target,
     update_target,
 )
 
 FLUSH = 8  # determinants multiplied before their logarithm is taken: far from under- and overflow
-
-
-@jit
-def start_lanes(lanes, mean, cov, keys, has_target, target_mean, target_cov, state, pose, log_w, w, used, target,
-                log_hypothesis, normals):  # fmt: skip
-    """Draw the particles from the prior; the map is empty. keys [n]; mean, cov, target_* as `Prior`."""
-    for i in range(lanes.size):
-        lane = lanes[i]
-        state[lane].key = keys[i]
-        state[lane].step = state[lane].count = state[lane].due = 0
-        draw_start(pose[lane], mean[i], cov[i], keys[i], normals)
-        for p in range(w.shape[1]):
-            log_w[lane, p] = 0.0
-            w[lane, p] = 1.0 / w.shape[1]
-            used[lane, p] = 0
-        state[lane].hypotheses = 0
-        if has_target:
-            set_target(target[lane], log_hypothesis[lane], target_mean[i], target_cov[i])
-            state[lane].hypotheses = 1
 
 
 @jit

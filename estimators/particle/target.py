@@ -1,4 +1,4 @@
-"""The target inside each particle: an EKF given that particle's pose, or a small Gaussian sum while its heading is open.
+"""The target inside each particle: an EKF given its pose, or a small Gaussian sum while the heading is open.
 
 A first sighting tells where the target is, not where it heads. An EKF with a heading variance of pi^2/3 is badly
 overconfident (and its likelihood, in the weight, damages the robot); a Gaussian sum of `HEADINGS` directions is
@@ -6,6 +6,8 @@ consistent at once. Once the directions agree they are merged into one EKF.
 """
 
 import math
+
+import numpy as np
 
 from estimators.kernels.elementary import sincos, wrap_smooth
 from estimators.kernels.jit import inline, jit
@@ -99,19 +101,10 @@ def start_target(target, log_hypothesis, model, x, y, cosine, sine, distance, cb
     return hypotheses
 
 
-@jit
-def set_target(target, log_hypothesis, mean, cov):
-    """The same prior, mean [n_t] and covariance [n_t, n_t], in every particle."""
-    n_t = mean.size
-    rows = target[0]
-    for p in range(rows.shape[1]):
-        log_hypothesis[0, p] = 0.0
-        row = n_t
-        for i in range(n_t):
-            rows[i, p] = mean[i]
-            for j in range(i, n_t):
-                rows[row, p] = 0.5 * (cov[i, j] + cov[j, i])
-                row += 1
+def target_rows(mean, cov):
+    """A prior, mean [n_t] and covariance [n_t, n_t], as one column of a hypothesis: [F]."""
+    upper = np.triu_indices(len(mean))
+    return np.concatenate([mean, (0.5 * (cov + cov.T))[upper]])
 
 
 @inline
@@ -186,7 +179,7 @@ def _iterate(dx, dy, p00, p01, p11, distance, beam_x, beam_y, var_r, var_b):
 
 @jit
 def apply_terms(rows, n_t, terms, work):
-    """mean += C b, cov -= C A2 C', C = cov[:, :2]: the update of one hypothesis in every particle.
+    """Mean += C b, cov -= C A2 C', C = cov[:, :2]: the update of one hypothesis in every particle.
 
     work: [10, N] scratch: C' column by column, then one row pair of C A2.
     """
@@ -225,8 +218,8 @@ def _triangle(n_t, i, j):
 
 @jit
 def update_target(
-    target, log_hypothesis, hypotheses, n_t, terms, work, nis_sum, det_product, log_w, x, y, cosine, sine, distance, cb, sb,
-    var_r, var_b,
+    target, log_hypothesis, hypotheses, n_t, terms, work, nis_sum, det_product, log_w, x, y, cosine, sine, distance,
+    cb, sb, var_r, var_b,
 ):  # fmt: skip
     """Take a return into every particle's target, and its likelihood into the weights. Eqs. (13) and (18)."""
     for g in range(hypotheses):

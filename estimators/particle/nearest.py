@@ -1,0 +1,206 @@
+"""Association by likelihood, in each particle for itself: every particle has a map of its own.
+
+A return inside `match_gate` of a landmark may be its; of several the one with the least NIS + log det S; of two
+returns that want the same landmark the better fitting has it and the other is left alone. A return outside `new_gate`
+of everything starts a landmark. Whether a return is the target's is decided by the particles together, by weight.
+
+The likelihood of a return that matches nothing is a density in observation space, one over the sensor's area, never
+one: otherwise particles that invent landmarks win.
+"""
+
+import math
+
+from estimators.interface import TARGET
+from estimators.kernels.jit import inline, jit
+from estimators.kernels.range_bearing import noise_std, usable
+from estimators.models import NO_TARGET
+from estimators.particle.columns import beam_cov, fit, gather_weights, shrink
+from estimators.particle.steps import begin_sweep, finish_sweep, take_target
+from estimators.particle.target import fit_target
+
+NOBODY, STRUCK, TO_TARGET = -1, -2, -3  # a return's slot: outside every match gate; unusable; the target's
+_LOG_TWO_PI = math.log(2.0 * math.pi)
+
+
+@jit
+def update_nearest_lanes(
+    lanes, ranges, bearings, labels, count, models, state, pose, maps, used, target, log_hypothesis, log_w, w, scratch,
+    cost, nearest, slot, share, match_gate, new_gate, threshold,
+):  # fmt: skip
+    """Take in one sweep whose labels are not looked at, but for `TARGET`.
+
+    Args:
+        cost, nearest: [K, N] scratch: NIS + log det S of the best match, and the least NIS to anything.
+        slot: [K, N] integer scratch. share: [K] scratch.
+    """
+    for lane in lanes:
+        n_z = count[lane]
+        begin_sweep(pose[lane], scratch)
+        for k in range(n_z):
+            _begin_return(
+                lane, ranges[lane, k], bearings[lane, k], labels[lane, k], models[lane], state, pose[lane],
+                target[lane], log_hypothesis[lane], scratch, cost[k], nearest[k], slot[k], match_gate,
+            )  # fmt: skip
+            share[k] = 0.0
+            if slot[k, 0] == NOBODY:
+                share[k] = _match(
+                    ranges[lane, k], bearings[lane, k], models[lane], state[lane].count, pose[lane], maps[lane],
+                    used[lane], w[lane], scratch, cost[k], nearest[k], slot[k], match_gate, new_gate,
+                )  # fmt: skip
+        _give_to_target(n_z, share, slot)
+        for k in range(n_z):
+            if slot[k, 0] == TO_TARGET:
+                gathered = take_target(
+                    lane, ranges[lane, k], bearings[lane, k], models[lane], state, pose[lane], target[lane],
+                    log_hypothesis[lane], log_w[lane], w[lane], scratch,
+                )  # fmt: skip
+                if gathered == 1:
+                    gather_weights(log_w[lane], scratch[2], scratch[3])
+        _apply_all(
+            lane, n_z, ranges[lane], bearings[lane], models[lane], state, pose[lane], maps[lane], used[lane],
+            log_w[lane], w[lane], scratch, cost, nearest, slot, new_gate,
+        )  # fmt: skip
+        finish_sweep(lane, state, target[lane], log_hypothesis[lane], log_w[lane], w[lane], threshold)
+
+
+@inline
+def _begin_return(
+    lane, distance, bearing, label, model, state, pose, target, log_hypothesis, scratch, cost, nearest, slot, gate
+):
+    """Sort out what is not to be matched; of the rest, the fit to the target stands first. Rows [N]."""
+    start = NOBODY
+    if not usable(distance, bearing):
+        start = STRUCK
+        state[lane].dropped += 1
+    elif label == TARGET:
+        start = TO_TARGET if model.target_kind != NO_TARGET else STRUCK
+    for p in range(slot.size):
+        cost[p], nearest[p], slot[p] = math.inf, math.inf, start
+    if start != NOBODY:
+        return
+    range_std, bearing_std = noise_std(model, distance)
+    for g in range(state[lane].hypotheses):
+        terms = scratch[4:11]
+        fit_target(
+            target[g], terms, pose[0], pose[1], scratch[0], scratch[1], distance, math.cos(bearing), math.sin(bearing),
+            range_std * range_std, bearing_std * bearing_std,
+        )  # fmt: skip
+        for p in range(slot.size):
+            nis = terms[5, p]
+            nearest[p] = min(nearest[p], nis)
+            if nis <= gate and math.exp(log_hypothesis[g, p]) > 0.01:
+                cost[p] = min(cost[p], nis + math.log(terms[6, p]))
+
+
+@jit
+def _match(distance, bearing, model, count, pose, maps, used, w, scratch, cost, nearest, slot, match_gate, new_gate):
+    """The best landmark of one return in every particle; returns the weight of those that prefer the target."""
+    range_std, bearing_std = noise_std(model, distance)
+    var_r, var_b = range_std * range_std, bearing_std * bearing_std
+    cb, sb = math.cos(bearing), math.sin(bearing)
+    as_target = scratch[11]
+    for p in range(slot.size):
+        as_target[p], cost[p] = cost[p], math.inf
+    for j in range(count):
+        mx, my, pxx, pxy, pyy = maps[j, 0], maps[j, 1], maps[j, 2], maps[j, 3], maps[j, 4]
+        for p in range(slot.size):
+            if j >= used[p]:
+                continue
+            beam_x, beam_y = cb * scratch[0, p] - sb * scratch[1, p], sb * scratch[0, p] + cb * scratch[1, p]
+            dx, dy = mx[p] - pose[0, p], my[p] - pose[1, p]
+            ex, ey = dx - distance * beam_x, dy - distance * beam_y
+            spread = pxx[p] + pyy[p] + var_r + distance * distance * var_b
+            if ex * ex + ey * ey > 2.0 * new_gate * spread:  # far outside: most pairs end here
+                continue
+            _, _, _, _, _, nis, det = fit(dx, dy, pxx[p], pxy[p], pyy[p], distance, beam_x, beam_y, var_r, var_b)
+            nearest[p] = min(nearest[p], nis)
+            if nis <= match_gate:
+                value = nis + math.log(det)
+                if value < cost[p]:
+                    cost[p], slot[p] = value, j
+    share = 0.0
+    for p in range(slot.size):
+        share += w[p] if as_target[p] < cost[p] else 0.0
+    return share
+
+
+@inline
+def _give_to_target(n_z, share, slot):
+    """The return that most weight, and more than half, takes for the target's is the target's, unless one says so."""
+    best = -1
+    for k in range(n_z):
+        if slot[k, 0] == TO_TARGET:
+            return
+        if share[k] > 0.5 and (best < 0 or share[k] > share[best]):
+            best = k
+    if best >= 0:
+        for p in range(slot.shape[1]):
+            slot[best, p] = TO_TARGET
+
+
+@jit
+def _apply_all(
+    lane, n_z, ranges, bearings, model, state, pose, maps, used, log_w, w, scratch, cost, nearest, slot, new_gate
+):
+    """Every return into every particle's map, and its likelihood into the weights."""
+    extent = model.max_range
+    if not extent < math.inf:
+        extent = 0.0
+        for k in range(n_z):
+            extent = max(extent, ranges[k])
+    log_nothing = -math.log(extent * model.field_of_view)
+    for k in range(n_z):
+        if slot[k, 0] == STRUCK or slot[k, 0] == TO_TARGET:
+            continue
+        range_std, bearing_std = noise_std(model, ranges[k])
+        var_r, var_b = range_std * range_std, bearing_std * bearing_std
+        cb, sb = math.cos(bearings[k]), math.sin(bearings[k])
+        full, left = 0, 0.0
+        for p in range(w.size):
+            x, y = pose[0, p], pose[1, p]
+            beam_x, beam_y = cb * scratch[0, p] - sb * scratch[1, p], sb * scratch[0, p] + cb * scratch[1, p]
+            j = slot[k, p]
+            if j >= 0 and _wins(k, p, n_z, cost, slot):
+                log_w[p] += _update_one(maps[j], p, x, y, ranges[k], beam_x, beam_y, var_r, var_b)
+                continue
+            log_w[p] += log_nothing
+            if nearest[k, p] <= new_gate:
+                left += w[p]
+            elif used[p] == maps.shape[0]:
+                full = 1
+            else:
+                _start_one(maps[used[p]], p, x, y, ranges[k], beam_x, beam_y, var_r, var_b)
+                used[p] += 1
+                state[lane].count = max(state[lane].count, used[p])
+        state[lane].overflow += full
+        state[lane].dropped += left > 0.5
+
+
+@inline
+def _wins(k, p, n_z, cost, slot):
+    """Whether no other return fits this particle's landmark better."""
+    for other in range(n_z):
+        if other != k and slot[other, p] == slot[k, p]:
+            if cost[other, p] < cost[k, p] or (cost[other, p] == cost[k, p] and other < k):
+                return False
+    return True
+
+
+@inline
+def _update_one(m, p, x, y, distance, beam_x, beam_y, var_r, var_b):
+    """One landmark's EKF in one particle; returns the return's log likelihood."""
+    p00, p01, p11 = m[2, p], m[3, p], m[4, p]
+    b0, b1, a00, a01, a11, nis, det = fit(
+        m[0, p] - x, m[1, p] - y, p00, p01, p11, distance, beam_x, beam_y, var_r, var_b
+    )
+    m[0, p] += p00 * b0 + p01 * b1
+    m[1, p] += p01 * b0 + p11 * b1
+    m[2, p], m[3, p], m[4, p] = shrink(p00, p01, p11, a00, a01, a11)
+    return -0.5 * (nis + math.log(det)) - _LOG_TWO_PI
+
+
+@inline
+def _start_one(m, p, x, y, distance, beam_x, beam_y, var_r, var_b):
+    """A landmark's first sighting in one particle."""
+    m[0, p], m[1, p] = x + distance * beam_x, y + distance * beam_y
+    m[2, p], m[3, p], m[4, p] = beam_cov(beam_x, beam_y, distance, var_r, var_b)
