@@ -5,7 +5,7 @@ with a single run. `slam_gym.tables` makes tidy frames of them.
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field, fields, replace
 from typing import Any, Self
 
 import numpy as np
@@ -76,6 +76,26 @@ class Records:
         start = f"{prefix}/counts/"
         counts = {name[len(start) :]: arrays[name] for name in arrays if name.startswith(start)}
         return cls(**plain, counts=counts)
+
+    def select(self, runs: set[int]) -> Self:
+        """Only the runs with these indices."""
+        chosen = np.array([int(run) in runs for run in self.run], dtype=np.bool_)
+        if chosen.all():
+            return self
+        last = max(1, int(self.steps[chosen].max(initial=1)))
+        return replace(
+            self,
+            run=self.run[chosen],
+            seed=self.seed[chosen],
+            steps=self.steps[chosen],
+            values=self.values[chosen, :last],
+            age=self.age[chosen, :last],
+            time=self.time[:last],
+            collisions=self.collisions[chosen],
+            counts={name: values[chosen] for name, values in self.counts.items()},
+            tracks=self.tracks[np.isin(self.tracks[:, 0], list(runs))],
+            landmarks=self.landmarks[np.isin(self.landmarks[:, 0], list(runs))],
+        )
 
     @classmethod
     def join(cls, parts: Sequence[Self]) -> Self:

@@ -109,9 +109,9 @@ def file_stem(*words: Any) -> str:
     return "-".join("".join(c if c.isalnum() or c in "._=" else " " for c in text).split())
 
 
-def write_json(path: Path, data: dict[str, Any]) -> None:
-    """Write JSON whole or not at all; numbers that are not finite as strings."""
-    text = json.dumps(_plain(data), indent=2, allow_nan=False) + "\n"
+def write_json(path: Path, data: dict[str, Any], *, strict: bool = True) -> None:
+    """Write JSON whole or not at all; strict: numbers that are not finite as strings, as the standard wants."""
+    text = json.dumps(_plain(data) if strict else data, indent=2, allow_nan=not strict) + "\n"
     write_atomic(path, lambda file: file.write_text(text, encoding="utf-8"))
 
 

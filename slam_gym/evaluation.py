@@ -1,0 +1,287 @@
+"""Compare estimators and policies on the same random draws: parallel, resumable, mergeable.
+
+>>> from slam_gym.evaluation import compare
+>>> results = compare("default", ["ekf", "ri-ekf"], runs=100, out="results/mine")
+>>> results.summary[["estimator", "robot_error_rmse", "pose_nees_mean"]]
+
+Work is cut into units: a few runs of one scenario and policy, side by side in lanes, every estimator on them. Each is
+written whole to `parts/` when done, so that an interrupted comparison goes on from there, and comparisons split over
+machines merge. A run's numbers depend on (settings, seed, its index) alone, never on how the work is cut.
+"""
+
+import math
+import shutil
+import tempfile
+import time
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+from typing import Any
+
+import joblib
+import pandas as pd
+
+from slam_gym import tables
+from slam_gym.evaluation_folder import (
+    SETTINGS,
+    check_runs,
+    ensure_folder,
+    finished_runs,
+    kept_settings,
+    open_folder,
+    part_files,
+    read_parts,
+    same_settings,
+)  # fmt: skip
+from slam_gym.evaluation_plan import Combination, Mode, Plan, make_plan, plan_from_dict
+from slam_gym.evaluation_unit import Unit, run_unit, warm_up
+from slam_gym.results import Results, write_json
+from slam_gym.scenario import Scenario
+
+Progress = Callable[[str, int, int], None]  # (what is being done, runs done, runs in all)
+
+MAX_LANES = 32  # of a unit: beyond it nothing is gained, and a kill loses more
+UNITS_PER_JOB = 4  # so that workers end at about the same time
+MAX_VALUES = 30_000_000  # numbers that a unit holds in memory at once (240 MB)
+
+
+def compare(
+    scenarios: str | Scenario | Sequence[str | Scenario] = "default",
+    estimators: Sequence[Any] | None = None,
+    policies: Sequence[Any] | None = None,
+    *,
+    runs: int = 40,
+    seed: int = 0,
+    mode: Mode = "shared",
+    driver: str | None = None,
+    steps: int | None = None,
+    burn_in: int | None = None,
+    overrides: Mapping[str, Any] | None = None,
+    estimator_options: Mapping[str, Mapping[str, Any]] | None = None,
+    noise_inflation: float | None = None,
+    tracks: int = 1,
+    out: str | Path | None = None,
+    resume: bool = False,
+    shard: tuple[int, int] = (1, 1),
+    jobs: int | None = None,
+    chunk: int | None = None,
+    command: str = "",
+    progress: Progress | None = None,
+) -> Results:
+    """Run every estimator under every policy in every scenario, on the same seeds.
+
+    Args:
+        scenarios: names, paths or `Scenario`s.
+        estimators: names ("ekf"), with options ("slamto:num_particles=500") or as pairs (name, options); None: the
+            scenario's own list. The first is what the others are compared with.
+        policies: likewise; None: the scenario's own.
+        runs: worlds per scenario and policy, numbered from 0; world i is the same for everybody.
+        seed: of the comparison.
+        mode: "shared": one policy drives, on the belief of `driver`, and every estimator processes the same data;
+            "closed-loop": each estimator drives a policy of its own.
+        driver: label of an estimator; None: "ri-ekf", else "fej-ekf", else the first.
+        steps: simulation steps of a run; None: the scenario's.
+        burn_in: first steps that are not scored; None: the scenario's.
+        overrides: dotted scenario settings, {"sensor.max_range": 5.0}, for all scenarios.
+        estimator_options: options by estimator name.
+        noise_inflation: factor on the measurement covariance that the filters assume ("filter.noise_inflation").
+        tracks: first runs whose trajectories are kept.
+        out: folder for the results; None: nothing stays on disk.
+        resume: go on in `out`; settings must be the same, `runs` may have grown.
+        shard: (i, n): only every n-th run, from the i-th; `merge` puts the n folders together.
+        jobs: processes; None: one per CPU.
+        chunk: runs in a unit; None: chosen. Changes no number.
+        command: recorded with the results.
+        progress: called as work goes on.
+
+    Raises:
+        ValueError: a wrong name, option or number.
+        FileExistsError: `out` holds something and `resume` is not set.
+        OSError: nothing can be written to `out`.
+    """
+    started = time.time()
+    if runs < 1:
+        raise ValueError(f"runs must be at least 1; got {runs}")
+    if chunk is not None and chunk < 1:
+        raise ValueError(f"chunk must be at least 1; got {chunk}")
+    if not 1 <= shard[0] <= shard[1]:
+        raise ValueError(f"shard i/n needs 1 <= i <= n; got {shard[0]}/{shard[1]}")
+    jobs = _job_count(jobs)
+    settings = dict(overrides or {})
+    if noise_inflation is not None:
+        settings["filter.noise_inflation"] = noise_inflation
+    plan = make_plan(
+        [scenarios] if isinstance(scenarios, (str, Path, Scenario)) else scenarios, estimators, policies,
+        seed=seed, mode=mode, driver=driver, steps=steps, burn_in=burn_in, tracks=tracks, overrides=settings,
+        estimator_options=estimator_options or {},
+    )  # fmt: skip
+    folder = Path(tempfile.mkdtemp(prefix="slam-gym-")) if out is None else Path(out)
+    try:
+        if out is not None:
+            open_folder(folder, plan, resume)
+        wanted = [run for run in range(runs) if run % shard[1] == shard[0] - 1]
+        _work(plan, wanted, folder, jobs, chunk, progress or _silent)
+        how = {
+            "runs": runs,
+            "shard": f"{shard[0]}/{shard[1]}",
+            "jobs": jobs,
+            "seconds": round(time.time() - started, 1),
+        }
+        results = collect(plan, folder, wanted, {"command": command, **how})
+        if out is not None:
+            results.save()
+    finally:
+        if out is None:
+            shutil.rmtree(folder, ignore_errors=True)
+    return results
+
+
+def _silent(what: str, done: int, total: int) -> None:
+    """Progress that nobody watches."""
+
+
+def _job_count(jobs: int | None) -> int:
+    if jobs is None:
+        return int(joblib.cpu_count())
+    if jobs < 1:
+        raise ValueError(f"jobs must be at least 1; got {jobs}")
+    return int(jobs)
+
+
+# ------------------------------------------------------------------------------------------------------ the work
+
+
+def _work(plan: Plan, wanted: Sequence[int], folder: Path, jobs: int, chunk: int | None, progress: Progress) -> None:
+    """Everything that is not done yet."""
+    units: list[Unit] = []
+    for index, combination in enumerate(plan.combinations):
+        done = finished_runs(folder, index)
+        missing = [run for run in wanted if run not in done]
+        size = chunk or _chunk(combination, len(missing), jobs * UNITS_PER_JOB / len(plan.combinations))
+        for first in range(0, len(missing), size):
+            runs = tuple(missing[first : first + size])
+            units.append(Unit(index, runs, folder / "parts" / f"{index:03d}" / f"{runs[0]:06d}.npz"))
+    total = len(wanted) * len(plan.combinations)
+    finished = total - sum(len(unit.runs) for unit in units)
+    if not units:
+        return
+    progress("compiling", finished, total)
+    _warm_up(plan, jobs)
+    progress("simulating", finished, total)
+    for unit in _spread([joblib.delayed(run_unit)(plan, unit) for unit in units], jobs):
+        finished += len(unit.runs)
+        progress(plan.combinations[unit.combination].name, finished, total)
+
+
+def _chunk(combination: Combination, runs: int, units: float) -> int:
+    held = int(combination.scenario.max_steps) * len(combination.estimators) * 16
+    most = max(1, min(MAX_LANES, MAX_VALUES // held))
+    return max(1, min(most, math.ceil(runs / max(1.0, units))))
+
+
+def _warm_up(plan: Plan, jobs: int) -> None:
+    """Fill the cache of compiled kernels once, each estimator in one process, before all workers need it."""
+    if jobs == 1:
+        return  # run_unit warms up its own process
+    seen: dict[str, Any] = {}
+    for combination in plan.combinations:
+        for spec in combination.estimators:
+            seen.setdefault(spec.name, (combination, [spec]))
+    for _ in _spread([joblib.delayed(warm_up)(*arguments) for arguments in seen.values()], jobs):
+        pass
+
+
+def _spread(tasks: list[Any], jobs: int) -> Iterator[Any]:
+    """Results as they come."""
+    if jobs == 1:
+        return (function(*args, **kwargs) for function, args, kwargs in tasks)
+    return iter(joblib.Parallel(n_jobs=jobs, return_as="generator_unordered", batch_size=1)(tasks))
+
+
+# ------------------------------------------------------------------------------------------------------ the tables
+
+
+def collect(plan: Plan, folder: Path, wanted: Sequence[int], how: Mapping[str, Any]) -> Results:
+    """Tables of all finished parts, one estimator in memory at a time."""
+    runs, summary, series, tracks, landmarks = [], [], [], [], []
+    keep = set(wanted)
+    for index, combination in enumerate(plan.combinations):
+        target = combination.scenario.models()[2]
+        options = {"burn_in": plan.burn_in, "target_dof": len(target.coordinates) if target is not None else 2}
+        for e, spec in enumerate(combination.estimators):
+            key = (combination.scenario.name, combination.policy.label, spec.label)
+            records = read_parts(part_files(folder, index), e, keep)
+            table = tables.run_table(key, records, **options)
+            runs.append(table)
+            summary.append(tables.summary_row(key, records, table, **options))
+            series.append(tables.series_table(key, records))
+            tracks.append(tables.track_table(key, records))
+            landmarks.append(tables.landmark_table(key, records))
+    all_runs = pd.concat(runs, ignore_index=True)
+    return Results(
+        path=folder,
+        config={**how, **_provenance(plan)},
+        runs=all_runs,
+        summary=pd.DataFrame(summary),
+        paired=tables.paired_table(all_runs),
+        series=pd.concat(series, ignore_index=True),
+        tracks=pd.concat(tracks, ignore_index=True),
+        landmarks=pd.concat(landmarks, ignore_index=True),
+    )
+
+
+def _provenance(plan: Plan) -> dict[str, Any]:
+    first = plan.combinations[0]
+    return {
+        "seed": plan.seed,
+        "mode": plan.mode,
+        "driver": first.estimators[first.driver].label if plan.mode == "shared" else "each its own",
+        "steps_not_scored": plan.burn_in,
+        "versions": versions(),
+        "settings": plan.to_dict(),
+    }
+
+
+def versions() -> dict[str, str]:
+    """What the numbers may depend on."""
+    found = {}
+    for name in ("slam-gym", "numpy", "numba", "scipy"):
+        try:
+            found[name] = version(name)
+        except PackageNotFoundError:  # run from a source tree
+            found[name] = "not installed"
+    return found
+
+
+def merge(folders: Sequence[str | Path], out: str | Path, *, command: str = "") -> Results:
+    """Put the shards of one comparison together.
+
+    Args:
+        folders: what `compare(..., shard=(i, n), out=...)` wrote, finished or not.
+        out: a new folder.
+        command: recorded with the results.
+
+    Raises:
+        ValueError: settings differ, the same run comes twice, or runs are missing in between.
+        FileNotFoundError: a folder holds no parts.
+        FileExistsError: `out` is not empty.
+    """
+    sources, target = [Path(folder) for folder in folders], Path(out)
+    if not sources:
+        raise ValueError("name at least one folder to merge")
+    kept = [kept_settings(source) for source in sources]
+    for source, settings in zip(sources[1:], kept[1:], strict=True):
+        same_settings(kept[0], settings, str(source))
+    if target.exists() and (not target.is_dir() or any(target.iterdir())):
+        raise FileExistsError(f"{str(target)!r} is not empty; name a new folder for the merged results")
+    plan = plan_from_dict(kept[0])
+    done = check_runs(plan, sources)
+    write_json(target / "parts" / SETTINGS, kept[0], strict=False)
+    for index in range(len(plan.combinations)):
+        for source in sources:
+            for path in part_files(source, index):
+                shutil.copy2(path, ensure_folder(target / "parts" / f"{index:03d}") / path.name)
+    results = collect(plan, target, sorted(done), {"command": command, "runs": len(done),
+                                                   "merged": [str(source) for source in sources]})  # fmt: skip
+    results.save()
+    return results
