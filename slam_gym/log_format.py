@@ -5,7 +5,7 @@ Folder: one CSV file per table, with a line of column names first; the order of 
 | file             | columns                         | needed |                                                        |
 |------------------|---------------------------------|--------|--------------------------------------------------------|
 | odometry.csv     | time, speed, turn_rate          | yes    | s, m/s, rad/s; each row holds until the next           |
-| measurements.csv | time, label, range, bearing     | yes    | s, -, m, rad (left positive); rows of one time are one sweep |
+| measurements.csv | time, label, range, bearing     | yes    | s, -, m, rad (left positive); one time: one sweep |
 | sweeps.csv       | time                            | no     | s of ALL sweeps, those without a return too            |
 | truth.csv        | time, x, y, heading             | no     | s, m, m, rad: where the robot was                      |
 | target.csv       | time, x, y and perhaps heading  | no     | where the target was                                   |

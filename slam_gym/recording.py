@@ -1,7 +1,7 @@
 """One robot's recording in memory: what it was commanded, what it sensed, and where everything truly was.
 
-`slam_gym.mrclam` reads it from the MRCLAM data sets, `slam_gym.log_format` from plain CSV or NPZ files; `slam_gym.replay`
-passes it through the estimators. Every reader goes through `Recording.from_tables`, which checks.
+`slam_gym.mrclam` reads it from the MRCLAM data sets, `slam_gym.log_format` from plain CSV or NPZ files, and
+`slam_gym.replay` passes it through the estimators. Every reader goes through `Recording.from_tables`, which checks.
 """
 
 from collections.abc import Mapping, Sequence

@@ -54,6 +54,24 @@ class ReplayModels:
         )
 
 
+def parse_calibration(text: str) -> tuple[float, float, float]:
+    """An odometry calibration from "mrclam", "none" or "SPEED,TURN,BIAS".
+
+    Raises:
+        ValueError: something else.
+    """
+    named = {"mrclam": MRCLAM_CALIBRATION, "none": UNCALIBRATED}
+    if text in named:
+        return named[text]
+    try:
+        speed, turn, bias = (float(part) for part in text.split(","))
+    except ValueError as error:
+        raise ValueError(
+            f"an odometry calibration is 'mrclam', 'none' or SPEED,TURN,BIAS such as 0.935,0.948,-0.0023; got {text!r}"
+        ) from error
+    return speed, turn, bias
+
+
 def mrclam_models(calibration: tuple[float, float, float] = MRCLAM_CALIBRATION, *, target: bool = True) -> ReplayModels:
     """The robots of the MRCLAM data sets with white noise.
 

@@ -1,0 +1,221 @@
+"""`slam-gym replay`: recorded robots through the same estimators and metrics as simulated ones."""
+
+import shlex
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Literal
+
+import tyro
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+    from slam_gym.recording import Recording
+    from slam_gym.replay_models import ReplayModels
+    from slam_gym.results import Results
+
+ESTIMATORS = ("dead-reckoning", "ekf", "fej-ekf", "ri-ekf", "cdkf", "slamto", "independent")
+ACCURACY = (
+    # title, summary column, digits, NEES when honest (0: not a NEES)
+    ("robot", "robot_error_rmse", 2, 0),
+    ("heading", "heading_error_rmse", 3, 0),
+    ("landmarks", "landmark_error_rmse", 2, 0),
+    ("target\n< 2 s", "target_error_lt2", 2, 0),
+    ("target\n2-15 s", "target_error_2_15", 2, 0),
+    ("target\n> 15 s", "target_error_gt15", 2, 0),
+    ("us", "predict_us", 1, 0),
+)
+CONSISTENCY = (
+    ("pose", "pose_nees_mean", 1, 3),
+    ("median", "pose_nees_median", 1, 3),
+    ("landmarks", "landmark_nees_mean", 1, 2),
+    ("target\n< 2 s", "target_nees_lt2", 1, 2),
+    ("target\n2-15 s", "target_nees_2_15", 1, 2),
+    ("target\n> 15 s", "target_nees_gt15", 1, 2),
+)
+LEGEND = """\
+Target by the time since it was last seen. us: filter time per prediction.
+R x: the variances of the sensor's noise times that."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Settings:
+    """What every replay can be told."""
+
+    estimators: tuple[str, ...] = ESTIMATORS
+    """Names, with options as `ekf:gate=20`; `slam-gym list` shows them."""
+    noise_inflation: float = 1.0
+    """Also replay with the sensor's noise variances times this. Errors of real sensors are correlated in time, and
+    white noise of their size makes filters overconfident; 16 is a fair remedy for MRCLAM."""
+    association: Literal["known", "nearest"] = "known"
+    """Use the landmarks' ids, or hide them."""
+    gate: float = 13.8
+    """NIS (2 degrees of freedom) above which a labelled return is taken for a mis-read label; `inf` for none."""
+    command_delay: float | None = None
+    """[s] from a command to its motion; by default 0.2 for MRCLAM, 0 for logs."""
+    sample_rate: float = 1.0
+    """[Hz] at which errors and NEES are scored."""
+    out: Path | None = None
+    """Results folder; by default results/replay-NAME, with a number if that is taken."""
+    report: bool = True
+    """Draw the pictures and the HTML page too."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Mrclam(Settings):
+    """Replay an MRCLAM data set: one robot does SLAM, another is the moving target.
+
+    PATH is a folder as published (Barcodes.dat, Landmark_Groundtruth.dat, RobotN_Odometry.dat, RobotN_Measurement.dat,
+    RobotN_Groundtruth.dat; plain or .gz). Robot errors and NEES are against the recorded truth, those of the target
+    also by the time since it was last seen.
+
+    Example: slam-gym replay mrclam MRCLAM_Dataset7 --robot 5 --target 1 --estimators ekf ri-ekf --noise-inflation 16
+    """
+
+    path: Annotated[Path, tyro.conf.Positional]
+    """Folder of the data set."""
+    robot: int
+    """Number of the robot that does SLAM."""
+    target: int
+    """Number of the robot that is tracked."""
+    odometry_calibration: str = "mrclam"
+    """`mrclam` (speed 0.935, turn 0.948, bias -0.0023 rad/s: measured on another recording of the same robots), `none`,
+    or SPEED,TURN,BIAS: true = scale x logged, and the bias added while the robot is commanded to move."""
+
+    def run(self) -> int:
+        """Load, replay, show."""
+        from slam_gym import mrclam
+        from slam_gym.replay_models import mrclam_models, parse_calibration
+
+        models = mrclam_models(parse_calibration(self.odometry_calibration))
+        return _replay(self, mrclam.load(self.path, self.robot, self.target), models)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Log(Settings):
+    """Replay a recording of your own robot: a folder of CSV files or one NPZ file.
+
+    odometry.csv (time, speed, turn_rate) and measurements.csv (time, label, range, bearing), and if you have them
+    truth.csv (time, x, y, heading), target.csv (time, x, y), landmarks.csv (id, x, y), sweeps.csv (time). Seconds,
+    metres, radians, left positive; a label is a landmark's id, `target` or `unknown`. `slam-gym export log` writes an
+    example; the docstring of `slam_gym.log_format` tells all.
+
+    Example: slam-gym replay log my_robot/ --scenario my_robot.toml --estimators ekf ri-ekf
+    """
+
+    path: Annotated[Path, tyro.conf.Positional]
+    """Folder or .npz file."""
+    scenario: str = "default"
+    """Scenario whose numbers the filters believe (motion noise, sensor noise, target): a name or a TOML file."""
+
+    def run(self) -> int:
+        """Load, replay, show."""
+        from slam_gym import log_format
+        from slam_gym.replay_models import scenario_models
+        from slam_gym.scenario import Scenario
+
+        recording = log_format.load(self.path)
+        return _replay(self, recording, scenario_models(Scenario.load(self.scenario), recording))
+
+
+@dataclass(frozen=True)
+class Replay:
+    """Pass a recorded robot through the estimators and score them against the recorded truth.
+
+    Example: slam-gym replay mrclam MRCLAM_Dataset7 --robot 5 --target 1 --estimators ekf ri-ekf --noise-inflation 16
+    """
+
+    source: Annotated[
+        Annotated[Mrclam, tyro.conf.subcommand("mrclam", prefix_name=False)]
+        | Annotated[Log, tyro.conf.subcommand("log", prefix_name=False)],
+        tyro.conf.arg(name=""),
+    ]
+    """Where the recording comes from."""
+
+    def run(self) -> int:
+        """Whichever was chosen."""
+        return self.source.run()
+
+
+def _replay(settings: Settings, recording: "Recording", models: "ReplayModels") -> int:
+    """Replay, save, print, report."""
+    from dataclasses import replace
+
+    from rich.console import Console
+
+    from slam_gym.replay import replay
+
+    console = Console()
+    if settings.command_delay is not None:
+        models = replace(models, command_delay=settings.command_delay)
+    inflations = (1.0,) if settings.noise_inflation == 1.0 else (1.0, settings.noise_inflation)
+    with console.status("replaying") as status:
+        results = replay(
+            recording,
+            settings.estimators,
+            models,
+            inflations=inflations,
+            association=settings.association,
+            gate=settings.gate,
+            sample_rate=settings.sample_rate,
+            out=_folder(settings.out, recording.name),
+            progress=lambda row: status.update(f"{recording.name}: {row}"),
+        )
+        results.config = {"command": shlex.join(["slam-gym", *sys.argv[1:]]), **results.config}
+        results.save()
+    _show(console, results, recording)
+    if settings.report:
+        from slam_gym.report import write_report
+
+        console.print(f"Report: {write_report(results)}", soft_wrap=True, highlight=False)
+    return 0
+
+
+def _folder(out: Path | None, name: str) -> Path:
+    """A folder that is still free.
+
+    Raises:
+        FileExistsError: the folder named by the user holds something.
+    """
+    if out is None:
+        base = Path("results") / f"replay-{'-'.join(name.split())}"
+        choices = (base if n == 1 else base.with_name(f"{base.name}-{n}") for n in range(1, 10_000))
+        return next(path for path in choices if not path.exists())
+    if out.exists() and (not out.is_dir() or any(out.iterdir())):
+        raise FileExistsError(f"{str(out)!r} is not an empty folder, and results are never overwritten; name another")
+    return out
+
+
+def _show(console: "Console", results: "Results", recording: "Recording") -> None:
+    """The summary as two tables, with what was odd in the files."""
+    duration = results.series["time"].max() if len(results.series) else 0.0
+    console.print(f"{recording.name}: {duration:.0f} s, {len(recording.sweep_times)} sweeps\n", highlight=False)
+    _print_table(console, results, "RMSE [m, rad]", ACCURACY)
+    _print_table(console, results, "NEES: 3 (pose) and 2 (landmarks, target) when honest", CONSISTENCY)
+    console.print(LEGEND, style="dim", highlight=False)
+    for warning in results.warnings:
+        console.print(f"Note: {warning}", highlight=False, soft_wrap=True)
+    console.print(f"Tables: {results.path} (Parquet, CSV, TUM)", soft_wrap=True, highlight=False)
+
+
+def _print_table(
+    console: "Console", results: "Results", title: str, columns: tuple[tuple[str, str, int, int], ...]
+) -> None:
+    """Columns that hold nothing are left out; so is a table without any."""
+    from rich.table import Table
+
+    from slam_gym.commands.summary import nees, number
+
+    shown = [column for column in columns if results.summary[column[1]].notna().any()]
+    if not shown:
+        return
+    table = Table(title=title, title_justify="left", padding=(0, 1), box=None, header_style="bold")
+    table.add_column("estimator", no_wrap=True)
+    for heading, *_ in shown:
+        table.add_column(heading, justify="right", no_wrap=True)
+    for row in results.summary.to_dict("records"):
+        cells = [nees(row[key], dof) if dof else number(row[key], digits) for _, key, digits, dof in shown]
+        table.add_row(str(row["estimator"]), *cells)
+    console.print(table)
+    console.print()
