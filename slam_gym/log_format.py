@@ -100,7 +100,7 @@ def tables_of(recording: Recording) -> dict[str, Floats]:
         "landmarks": np.column_stack([recording.landmark_ids, recording.landmarks]),
     }
     if recording.complete:
-        tables["sweeps"] = recording.sweep_times[:, None]
+        tables["sweeps"] = recording.sweep_times[:, None].copy()
     for table, track in (("truth", recording.truth), ("target", recording.target)):
         if track is not None:
             tables[table] = _rows(track)
@@ -121,7 +121,7 @@ def save(path: str | Path, recording: Recording) -> Path:
     tables = tables_of(recording)
     if target.suffix == ".npz":
         target.parent.mkdir(parents=True, exist_ok=True)
-        np.savez_compressed(target, allow_pickle=False, **tables)
+        np.savez_compressed(target, **tables)
         return target
     target.mkdir(parents=True, exist_ok=True)
     names = {code: word for word, code in WORDS.items()}
