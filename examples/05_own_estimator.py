@@ -15,7 +15,7 @@ from slam_gym.evaluation import compare
 class FrozenMap(SingleLaneEstimator):
     """Forgets that a map is only as good as the pose was when it was made: watch its NEES."""
 
-    name, summary = "frozen-map", "pose EKF on landmarks kept where they were first seen"
+    name = "frozen-map"
 
     def reset_one(self, models, pose, pose_cov, seed, target, target_cov):
         known = None if target is None else (target[:2], target_cov[:2, :2])
@@ -67,7 +67,7 @@ class FrozenMap(SingleLaneEstimator):
 
 
 def wrapped(pose):
-    return np.append(pose[:2], (pose[2] + np.pi) % (2.0 * np.pi) - np.pi)
+    return pose - [0.0, 0.0, 2.0 * np.pi * np.floor((pose[2] + np.pi) / (2.0 * np.pi))]
 
 
 def main(runs=20, steps=400):
