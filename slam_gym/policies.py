@@ -127,7 +127,7 @@ class Policy(ABC):
 
     def to_action(self, command: Floats) -> Floats:
         """Physical commands [L, 2] (speed and turn rate, or speed and steering angle) as actions in [-1, 1]."""
-        return np.clip(self.context.action_map.to_action(command), -1.0, 1.0)
+        return np.maximum(np.minimum(self.context.action_map.to_action(command), 1.0), -1.0)  # np.clip is slower
 
 
 _registered: dict[str, type[Policy]] = {}

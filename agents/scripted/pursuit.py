@@ -32,12 +32,18 @@ def _drive_to(x, y, distance, stand_off, gains, lead, lead_turn):
     return speed, gains[1] * bearing + lead_turn
 
 
+@inline
+def _clip(value, low, high):
+    return max(low, min(high, value))
+
+
 @jit
-def _pursue(pose, known, position, rel, rel_cov, rel_velocity, settings, gains, state, last, command):
+def _pursue(pose, known, position, rel, rel_cov, rel_velocity, settings, gains, limits, state, last, command):
     """One command per lane.
 
     pose [L, 3], known [L], position [L, 2], rel [L, 2], rel_cov [L, 2, 2], rel_velocity [L, 2]: the belief;
     settings: (stand-off [m], lost_std [m], lead, look rate [rad/s]); gains: (speed, turn) [1/s];
+    limits: (lowest, highest speed, turn rate);
     state [L], last [L, 2]: what the lane is doing and the last trusted position; command [L, 2]: output.
     """
     stand_off, lost_std, lead, look_rate = settings
@@ -53,7 +59,9 @@ def _pursue(pose, known, position, rel, rel_cov, rel_velocity, settings, gains, 
             across = lead * (x * rel_velocity[lane, 1] - y * rel_velocity[lane, 0]) / distance
             # The line of sight turns with the target's motion across it; near the target that rate is not usable.
             turning = across / max(distance, 0.5 * stand_off, 0.1)
-            command[lane, 0], command[lane, 1] = _drive_to(x, y, distance, stand_off, gains, along, turning)
+            speed, turn = _drive_to(x, y, distance, stand_off, gains, along, turning)
+            command[lane, 0] = _clip(speed, limits[0], limits[1])
+            command[lane, 1] = _clip(turn, -limits[2], limits[2])
             continue
         if state[lane] == _FOLLOWING:
             state[lane] = _RETURNING
@@ -63,11 +71,13 @@ def _pursue(pose, known, position, rel, rel_cov, rel_velocity, settings, gains, 
             if distance > ARRIVED:
                 bearing = wrap(math.atan2(north, east) - pose[lane, 2])
                 x, y = distance * math.cos(bearing), distance * math.sin(bearing)
-                command[lane, 0], command[lane, 1] = _drive_to(x, y, distance, 0.0, gains, 0.0, 0.0)
+                speed, turn = _drive_to(x, y, distance, 0.0, gains, 0.0, 0.0)
+                command[lane, 0] = _clip(speed, limits[0], limits[1])
+                command[lane, 1] = _clip(turn, -limits[2], limits[2])
                 continue
             state[lane] = _LOOKING
         command[lane, 0] = 0.0
-        command[lane, 1] = look_rate
+        command[lane, 1] = _clip(look_rate, -limits[2], limits[2])
 
 
 class Pursuit(Policy):
@@ -93,7 +103,7 @@ class Pursuit(Policy):
         turn_gain: [1/s], turn rate per radian of bearing.
         lead: share of the target's believed velocity that is anticipated; 0: react to positions only.
         lost_std: [m] uncertainty at which the target counts as lost.
-        look_rate: [rad/s] of looking around; default: 0.6 times the robot's highest.
+        look_rate: [rad/s] of looking around; default: 0.6 times the robot's highest, at most 1.
 
     Raises:
         ValueError: a negative or non-finite number.
@@ -123,9 +133,12 @@ class Pursuit(Policy):
                 raise ValueError(f"pursuit: {name} must be a finite number that is zero or more; got {value!r}")
         if look_rate is not None and not math.isfinite(look_rate):
             raise ValueError(f"pursuit: look_rate must be a finite number; got {look_rate!r}")
-        looking = min(0.6 * context.turn_max, 1.0) if look_rate is None else look_rate
-        self._settings = (float(stand_off), float(lost_std), float(lead), float(looking))
+        if look_rate is None:
+            look_rate = 1.0 if context.is_bicycle else min(0.6 * context.turn_max, 1.0)
+        self._settings = (float(stand_off), float(lost_std), float(lead), float(look_rate))
         self._gains = (float(speed_gain), float(turn_gain))
+        turn_max = math.inf if context.is_bicycle else context.turn_max  # a bicycle's wheels have a stop instead
+        self._limits = (float(context.speed_min), float(context.speed_max), float(turn_max))
         self._state = np.full(num_lanes, _UNSEEN, dtype=np.int64)
         self._last = np.zeros((num_lanes, 2))
 
@@ -138,14 +151,11 @@ class Pursuit(Policy):
         """Drive to the believed target, or to where it was lost; see `Policy.act`."""
         _pursue(
             belief.pose, belief.target_known, belief.target_position, belief.target_rel, belief.target_rel_cov,
-            belief.target_rel_velocity, self._settings, self._gains, self._state, self._last, self.command,
+            belief.target_rel_velocity, self._settings, self._gains, self._limits, self._state, self._last,
+            self.command,
         )  # fmt: skip
         if self.context.is_bicycle:
             self._steer()
-        limits = self.context
-        np.clip(self.command[:, 0], limits.speed_min, limits.speed_max, out=self.command[:, 0])
-        turn_limit = limits.steering_max if limits.is_bicycle else limits.turn_max
-        np.clip(self.command[:, 1], -turn_limit, turn_limit, out=self.command[:, 1])
         return self.to_action(self.command)
 
     def _steer(self) -> None:
@@ -155,4 +165,5 @@ class Pursuit(Policy):
         speed = self.command[:, 0]
         slow = np.abs(speed) < 1e-3 * self.context.speed_max
         sine = self.command[:, 1] * self.context.motion.wheelbase / np.where(slow, 1.0, speed)
-        self.command[:, 1] = np.where(slow, 0.0, np.arcsin(np.clip(sine, -1.0, 1.0)))
+        stop = self.context.steering_max
+        self.command[:, 1] = np.clip(np.where(slow, 0.0, np.arcsin(np.clip(sine, -1.0, 1.0))), -stop, stop)
