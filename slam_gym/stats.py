@@ -100,7 +100,10 @@ def consistency(nees_of_runs: ArrayLike, dof: int, *, batch: int = BATCH) -> Con
 def split_by_age(values: ArrayLike, age: ArrayLike) -> dict[str, Floats]:
     """Values [R, T] where the target was last seen that long ago (`AGES`), NaN elsewhere; by suffix."""
     x, seconds = np.asarray(values, dtype=np.float64), np.asarray(age, dtype=np.float64)
-    return {suffix: np.where((seconds >= low) & (seconds < high), x, np.nan) for low, high, suffix in AGES}
+    return {
+        suffix: np.where((seconds >= low) & ((seconds < high) | math.isinf(high)), x, np.nan)
+        for low, high, suffix in AGES
+    }
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,0 +1,93 @@
+import subprocess
+import sys
+import time
+
+import pytest
+
+from slam_gym import cli
+from slam_gym.commands.compare import parse_shard
+from slam_gym.specs import Spec, parse_options, parse_settings
+
+
+def test_help_lists_every_command(capsys):
+    assert cli.main([]) == 0
+    text = capsys.readouterr().out
+    assert all(f"  {name} " in text for name in cli.COMMANDS)
+    assert cli.main(["--help"]) == 0
+    assert capsys.readouterr().out == text
+    assert max(map(len, text.splitlines())) <= 100
+
+
+def test_help_needs_nothing_heavy():
+    code = (
+        "import sys; from slam_gym.cli import main; main(['--help']);"
+        "print([m for m in ('pandas', 'matplotlib', 'pygame', 'tyro', 'rich', 'joblib', 'scipy') if m in sys.modules])"
+    )
+    started = time.perf_counter()
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.splitlines()[-1] == "[]"
+    assert time.perf_counter() - started < 5.0  # under one on a machine that does nothing else
+
+
+def test_an_unknown_command_names_the_nearest(capsys):
+    assert cli.main(["comapre"]) == 2
+    assert "unknown command. Did you mean 'compare'? Commands: compare, run" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("name", cli.COMMANDS)
+def test_every_command_explains_itself(name, capsys):
+    with pytest.raises(SystemExit) as left:
+        cli.main([name, "--help"])
+    assert left.value.code == 0
+    text = capsys.readouterr().out
+    assert "slam-gym " + name in text
+    assert "xample" in text
+
+
+def test_the_version_is_the_packages(capsys):
+    import slam_gym
+
+    assert cli.main(["--version"]) == 0
+    assert capsys.readouterr().out == f"slam-gym {slam_gym.__version__}\n"
+
+
+def test_errors_are_one_line_and_a_traceback_only_on_demand(capsys):
+    call = ["report", "no-such-folder"]
+    assert cli.main(call) == 2
+    text = capsys.readouterr().err
+    assert text.startswith("slam-gym report: no results folder 'no-such-folder'")
+    assert "Traceback" not in text
+    with pytest.raises(FileNotFoundError):
+        cli.main([*call, "--debug"])
+
+
+def test_an_oserror_is_shown_without_its_number():
+    assert cli.message(OSError(28, "disk full")) == "disk full"
+    assert cli.message(FileNotFoundError(2, "No such file", "a.txt")) == "No such file: 'a.txt'"
+    assert cli.message(KeyError()) == "KeyError"
+
+
+def test_ctrl_c_ends_quietly(monkeypatch, capsys):
+    class Interrupted:
+        def run(self):
+            raise KeyboardInterrupt
+
+    monkeypatch.setattr(cli, "_load", lambda *_: Interrupted())
+    assert cli.main(["compare"]) == 130
+    assert "Interrupted" in capsys.readouterr().err
+
+
+def test_names_take_options_after_a_colon():
+    assert Spec.parse("ekf") == Spec("ekf", "ekf")
+    spec = Spec.parse("slamto:num_particles=500,resample=0.5,proposal=prior")
+    assert (spec.name, spec.options) == ("slamto", {"num_particles": 500, "resample": 0.5, "proposal": "prior"})
+    assert Spec.parse(("ekf", {"gate": 9})).label == "ekf:gate=9"
+    assert Spec.parse(spec) is spec
+
+
+def test_settings_are_json_where_they_can_be():
+    assert parse_settings(["a.b=5", "c=[1, 2]", "d=true", "e=ring", "f=x=y"]) == {
+        "a.b": 5, "c": [1, 2], "d": True, "e": "ring", "f": "x=y",
+    }  # fmt: skip
+    assert parse_options('{"ekf": {"gate": 9}}', ["ekf"]) == {"ekf": {"gate": 9}}
+    assert parse_shard("2/3") == (2, 3)
