@@ -15,6 +15,12 @@ TWO_PI = 2.0 * math.pi
 _HALF_PI = 0.5 * math.pi
 _TAN_PI_8 = math.sqrt(2.0) - 1.0
 _TINY = 1e-300
+_LN2_HIGH, _LN2_LOW = 6.93147180369123816490e-01, 1.90821492927058770002e-10
+_LOG2_E = 1.44269504088896338700e00
+_SQRT_HALF = math.sqrt(0.5)
+_ROUND = 6755399441055744.0  # 1.5 x 2^52: added to a small number, its integer part stands in the low bits
+_MANTISSA, _ONE, _TWO_52 = np.int64(0x000FFFFFFFFFFFFF), np.int64(0x3FF0000000000000), np.int64(0x4330000000000000)
+_BIAS, _SHIFT = np.int64(1023), np.int64(52)
 
 
 @inline
@@ -96,3 +102,39 @@ def _atan_small(t):
     even = w * (-1.11111104054623557880e-01 + w * (-7.69187620504482999495e-02 + w * even))
     even = w * (-1.99999999998764832476e-01 + even)
     return t - t * (odd + even)
+
+
+@inline
+def log(x):
+    """Natural logarithm of a normal positive number; NaN for anything else. fdlibm's polynomial."""
+    bits = np.float64(x).view(np.int64)
+    exponent = np.int64((bits >> _SHIFT) | _TWO_52).view(np.float64) - (4503599627370496.0 + 1023.0)
+    m = np.int64((bits & _MANTISSA) | _ONE).view(np.float64)
+    large = m > 2.0 * _SQRT_HALF
+    m = 0.5 * m if large else m
+    k = exponent + 1.0 if large else exponent
+    f = m - 1.0
+    s = f / (2.0 + f)
+    z = s * s
+    r = 1.818357216161805012e-01 + z * (1.531383769920937332e-01 + z * 1.479819860511658591e-01)
+    r = 2.857142874366239149e-01 + z * (2.222219843214978396e-01 + z * r)
+    r = z * (6.666666666666735130e-01 + z * (3.999999999940941908e-01 + z * r))
+    half = 0.5 * f * f
+    value = k * _LN2_HIGH - ((half - (s * (half + r) + k * _LN2_LOW)) - f)
+    return value if (x >= 2.2250738585072014e-308) & (x < math.inf) else math.nan
+
+
+@inline
+def exp_nonpositive(x):
+    """e^x for x <= 0; zero below -700. fdlibm's polynomial."""
+    small = x < -700.0
+    y = -700.0 if small else x
+    k = np.floor(y * _LOG2_E + 0.5)
+    r = (y - k * _LN2_HIGH) - k * _LN2_LOW
+    z = r * r
+    c = -1.65339022054652515390e-06 + z * 4.13813679705723846039e-08
+    c = -2.77777777770155933842e-03 + z * (6.61375632143793436117e-05 + z * c)
+    c = r - z * (1.66666666666666019037e-01 + z * c)
+    value = 1.0 + (r + r * c / (2.0 - c))
+    power = np.int64((np.float64(k + _ROUND).view(np.int64) + _BIAS) << _SHIFT).view(np.float64)
+    return 0.0 if small else value * power

@@ -6,6 +6,7 @@ steps), so weights are kept as logarithms with the largest at zero.
 
 import math
 
+from estimators.kernels.elementary import exp_nonpositive
 from estimators.kernels.jit import jit
 
 
@@ -36,7 +37,7 @@ def normalise(log_w, w):
     total = 0.0
     for p in range(log_w.size):
         log_w[p] = log_w[p] - top if log_w[p] == log_w[p] else -math.inf
-        w[p] = math.exp(log_w[p])
+        w[p] = exp_nonpositive(log_w[p])
         total += w[p]
     squares = 0.0
     for p in range(log_w.size):

@@ -14,7 +14,7 @@ from estimators.interface import TARGET
 from estimators.kernels.jit import inline, jit
 from estimators.kernels.range_bearing import noise_std, usable
 from estimators.models import NO_TARGET
-from estimators.particle.columns import beam_cov, fit, gather_weights, shrink
+from estimators.particle.columns import assimilate, beam_cov, fit, gather_weights
 from estimators.particle.steps import begin_sweep, finish_sweep, take_target
 from estimators.particle.target import fit_target
 
@@ -189,13 +189,11 @@ def _wins(k, p, n_z, cost, slot):
 @inline
 def _update_one(m, p, x, y, distance, beam_x, beam_y, var_r, var_b):
     """One landmark's EKF in one particle; returns the return's log likelihood."""
-    p00, p01, p11 = m[2, p], m[3, p], m[4, p]
-    b0, b1, a00, a01, a11, nis, det = fit(
-        m[0, p] - x, m[1, p] - y, p00, p01, p11, distance, beam_x, beam_y, var_r, var_b
+    step_x, step_y, m[2, p], m[3, p], m[4, p], nis, det = assimilate(
+        m[0, p] - x, m[1, p] - y, m[2, p], m[3, p], m[4, p], distance, beam_x, beam_y, var_r, var_b
     )
-    m[0, p] += p00 * b0 + p01 * b1
-    m[1, p] += p01 * b0 + p11 * b1
-    m[2, p], m[3, p], m[4, p] = shrink(p00, p01, p11, a00, a01, a11)
+    m[0, p] += step_x
+    m[1, p] += step_y
     return -0.5 * (nis + math.log(det)) - _LOG_TWO_PI
 
 

@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 
-from estimators.kernels.elementary import sincos, sincos_turn, wrap_smooth
+from estimators.kernels.elementary import log, sincos, sincos_turn, wrap_smooth
 from estimators.kernels.jit import inline, jit
 from estimators.kernels.motion import calibrated, control_std
 from estimators.kernels.random import philox
@@ -24,19 +24,16 @@ def draw_normals(key, step, purpose, normals):
         b[i] = (float(np.int64(x1)) + 0.5) * _TO_UNIT
         c[i] = (float(np.int64(x2)) + 0.5) * _TO_UNIT
         d[i] = (float(np.int64(x3)) + 0.5) * _TO_UNIT
-    for i in range(a.size):  # libm's log keeps this loop scalar; the next one is not
-        a[i] = math.log(a[i])
-        c[i] = math.log(c[i])
     _box_muller(a, b)
     _box_muller(c, d)
 
 
 @jit
-def _box_muller(log_u, turn):
-    for i in range(log_u.size):
-        r = math.sqrt(-2.0 * log_u[i])
+def _box_muller(u, turn):
+    for i in range(u.size):
+        r = math.sqrt(-2.0 * log(u[i]))
         s, c = sincos_turn(turn[i])
-        log_u[i] = r * c
+        u[i] = r * c
         turn[i] = r * s
 
 
