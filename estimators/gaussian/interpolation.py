@@ -1,0 +1,202 @@
+"""Stirling's interpolation of a joint Gaussian through a function of a few of its variables, in O(n).
+
+Eqs. (9)-(12), Tian et al. 2010. With s_p the columns of a Cholesky factor L of the variables that f depends on,
+
+    D1_p = (f(x + h s_p) - f(x - h s_p)) / 2          D2_p = (f(x + h s_p) + f(x - h s_p) - 2 f(x)) / 2
+    mean f(x) + sum D2_p / h^2                         covariance sum D1_p D1_p' / h^2 + (h^2 - 1) / h^4 sum D2_p D2_p'
+
+Every other variable enters f nowhere: with the few put first, its columns of the full factor change nothing, and its
+covariance with f is that with the few times E', where E = D1 L^-1 / h: a slope taken over the spread of the belief.
+Bearings are taken relative to the centre's before they are averaged. Here f is a displacement of the robot, of the
+target, or from the robot to a point first seen (a pose and two noisy numbers), or a return of a point (pose and point).
+"""
+
+import math
+
+from estimators.kernels.angles import wrap
+from estimators.kernels.gaussian import ROBOT
+from estimators.kernels.jit import inline, jit
+from estimators.kernels.linalg import semidefinite_cholesky, solve_transposed
+from estimators.kernels.motion import displacement, unicycle
+from estimators.kernels.range_bearing import measure, offset
+
+ROBOT_MOVES, TARGET_MOVES, SIGHTING = 0, 1, 2
+
+
+@inline
+def carry(kind, model, a, b, dt, heading):
+    """Displacement (dx, dy, dheading) from a pose: by a control (a, b) over dt, or along a return (a, b)."""
+    if kind == SIGHTING:
+        dx, dy = offset(a, b, heading)
+        return dx, dy, 0.0
+    if kind == TARGET_MOVES:
+        return unicycle(a, b, dt, heading)
+    return displacement(model, a, b, dt, heading)
+
+
+@inline
+def differences(kind, model, a, b, da, db, dt, heading, turned, base, D1, D2, column):
+    """D1 and D2 of a displacement for one column: heading off by `turned`, inputs off by (da, db)."""
+    up = carry(kind, model, a + da, b + db, dt, heading + turned)
+    down = carry(kind, model, a - da, b - db, dt, heading - turned)
+    for i in range(3):
+        D1[i, column] = 0.5 * (up[i] - down[i])
+        D2[i, column] = 0.5 * (up[i] + down[i] - 2.0 * base[i])
+
+
+@inline
+def spread_displacement(P, lane, j, kind, model, a, b, std_a, std_b, dt, heading, h, C, D1, D2, E):
+    """Sigma points of a displacement over the body (x, y, heading) at rows j, j + 1, j + 2 and inputs (a, b).
+
+    Args:
+        C: scratch (all [5, 5]), filled with the body's Cholesky factor. D1, D2: rows 0-2 filled; D1 without the body's
+            own spread. E: filled with the displacement's slope by the body in [:2, :3].
+
+    Returns:
+        The mean displacement (dx, dy, dheading). Eq. (9).
+    """
+    for p in range(3):
+        for q in range(p + 1):
+            C[p, q] = P[lane, j + p, j + q]
+    semidefinite_cholesky(C, 3)
+    base = carry(kind, model, a, b, dt, heading)
+    for p in range(3):
+        differences(kind, model, a, b, 0.0, 0.0, dt, heading, h * C[2, p], base, D1, D2, p)
+    differences(kind, model, a, b, h * std_a, 0.0, dt, heading, 0.0, base, D1, D2, 3)
+    differences(kind, model, a, b, 0.0, h * std_b, dt, heading, 0.0, base, D1, D2, 4)
+    for i in range(2):
+        solve_transposed(C, 3, D1, i, E)
+        for p in range(3):
+            E[i, p] /= h
+    square = h * h
+    return (
+        base[0] + (D2[0, 0] + D2[0, 1] + D2[0, 2] + D2[0, 3] + D2[0, 4]) / square,
+        base[1] + (D2[1, 0] + D2[1, 1] + D2[1, 2] + D2[1, 3] + D2[1, 4]) / square,
+        base[2] + (D2[2, 3] + D2[2, 4]) / square,
+    )
+
+
+@inline
+def spread_cov(C, D1, D2, h, i, k):
+    """Entry (i, k) of the covariance of body plus displacement. Eq. (11), with outer products."""
+    first = second = 0.0
+    for p in range(3):
+        first += (h * C[i, p] + D1[i, p]) * (h * C[k, p] + D1[k, p])
+        second += D2[i, p] * D2[k, p]
+    for p in range(3, 5):
+        first += D1[i, p] * D1[k, p]
+        second += D2[i, p] * D2[k, p]
+    square = h * h
+    return first / square + (square - 1.0) / (square * square) * second
+
+
+@jit
+def move_body(mu, P, lane, n, j, kind, model, a, b, std_a, std_b, dt, h, C, D1, D2, E):
+    """Predict the body at rows j, j + 1, j + 2 under the control (a, b) with deviations. Eqs. (15)-(18)."""
+    dx, dy, turn = spread_displacement(
+        P, lane, j, kind, model, a, b, std_a, std_b, dt, mu[lane, j + 2], h, C, D1, D2, E
+    )
+    mu[lane, j] += dx
+    mu[lane, j + 1] += dy
+    mu[lane, j + 2] = wrap(mu[lane, j + 2] + turn)
+    for i in range(n):
+        x, y, heading = P[lane, j, i], P[lane, j + 1, i], P[lane, j + 2, i]
+        P[lane, j, i] = x + E[0, 0] * x + E[0, 1] * y + E[0, 2] * heading
+        P[lane, j + 1, i] = y + E[1, 0] * x + E[1, 1] * y + E[1, 2] * heading
+    for i in range(n):
+        P[lane, i, j] = P[lane, j, i]
+        P[lane, i, j + 1] = P[lane, j + 1, i]
+    for i in range(3):
+        for k in range(i, 3):
+            value = spread_cov(C, D1, D2, h, i, k)
+            P[lane, j + i, j + k] = value
+            P[lane, j + k, j + i] = value
+
+
+@jit
+def append_by_points(mu, P, lane, n, j, distance, bearing, std_r, std_b, model, h, C, D1, D2, E):
+    """A new point at rows j, j + 1 from a return, with all its cross covariances; the rows must be zero before."""
+    dx, dy, _ = spread_displacement(
+        P, lane, 0, SIGHTING, model, distance, bearing, std_r, std_b, 0.0, mu[lane, 2], h, C, D1, D2, E
+    )
+    mu[lane, j] = mu[lane, 0] + dx
+    mu[lane, j + 1] = mu[lane, 1] + dy
+    for i in range(n):
+        x, y, heading = P[lane, 0, i], P[lane, 1, i], P[lane, 2, i]
+        P[lane, j, i] = x + E[0, 0] * x + E[0, 1] * y + E[0, 2] * heading
+        P[lane, j + 1, i] = y + E[1, 0] * x + E[1, 1] * y + E[1, 2] * heading
+    for i in range(n):
+        P[lane, i, j] = P[lane, j, i]
+        P[lane, i, j + 1] = P[lane, j + 1, i]
+    for i in range(2):
+        for k in range(i, 2):
+            value = spread_cov(C, D1, D2, h, i, k)
+            P[lane, j + i, j + k] = value
+            P[lane, j + k, j + i] = value
+
+
+@inline
+def row_of(p, j):
+    """The p-th of the five rows that a return depends on: pose, then the point at j."""
+    return p if p < ROBOT else j + p - ROBOT
+
+
+@inline
+def spread_return(mu, P, lane, j, h, C, D1, E):
+    """Sigma points of a return of the point at rows j, j + 1. Eqs. (19), (23)-(26).
+
+    Args:
+        C, D1: scratch, [5, 5]. E: filled with the slope of (range, bearing) by pose and point in [:2].
+
+    Returns:
+        The range at the centre, mean (range, bearing) and covariance (s00, s01, s11) without the sensor's noise.
+    """
+    for p in range(5):
+        for q in range(p + 1):
+            C[p, q] = P[lane, row_of(p, j), row_of(q, j)]
+    semidefinite_cholesky(C, 5)
+    px, py, heading = mu[lane, j] - mu[lane, 0], mu[lane, j + 1] - mu[lane, 1], mu[lane, 2]
+    r0, b0 = measure(px, py, heading)
+    mean_r = mean_b = s00 = s01 = s11 = 0.0
+    curved = (h * h - 1.0) / (h * h)
+    for p in range(5):
+        ox, oy, turned = h * (C[3, p] - C[0, p]), h * (C[4, p] - C[1, p]), h * C[2, p]
+        r_up, b_up = measure(px + ox, py + oy, heading + turned)
+        r_down, b_down = measure(px - ox, py - oy, heading - turned)
+        up, down = wrap(b_up - b0), wrap(b_down - b0)
+        d1r, d1b = 0.5 * (r_up - r_down), 0.5 * (up - down)
+        d2r, d2b = 0.5 * (r_up + r_down - 2.0 * r0), 0.5 * (up + down)
+        D1[0, p] = d1r
+        D1[1, p] = d1b
+        mean_r += d2r
+        mean_b += d2b
+        s00 += d1r * d1r + curved * d2r * d2r
+        s01 += d1r * d1b + curved * d2r * d2b
+        s11 += d1b * d1b + curved * d2b * d2b
+    for i in range(2):
+        solve_transposed(C, 5, D1, i, E)
+        for p in range(5):
+            E[i, p] /= h
+    square = h * h
+    return r0, r0 + mean_r / square, wrap(b0 + mean_b / square), s00 / square, s01 / square, s11 / square
+
+
+@jit
+def downdate_by_points(mu, P, W, lane, n, j, E, y0, y1, s00, s01, s11):
+    """Kalman update by one return of the point at row j. Eqs. (12), (29)-(31): W = P_xz chol(S)^-T, P -= W W'."""
+    l00 = math.sqrt(s00)
+    l10 = s01 / l00
+    l11 = math.sqrt(s11 - l10 * l10)
+    e0 = y0 / l00
+    e1 = (y1 - l10 * e0) / l11
+    for i in range(n):
+        x, y, turn, u, v = P[lane, 0, i], P[lane, 1, i], P[lane, 2, i], P[lane, j, i], P[lane, j + 1, i]
+        w0 = (E[0, 0] * x + E[0, 1] * y + E[0, 2] * turn + E[0, 3] * u + E[0, 4] * v) / l00
+        w1 = (E[1, 0] * x + E[1, 1] * y + E[1, 2] * turn + E[1, 3] * u + E[1, 4] * v - l10 * w0) / l11
+        W[0, i] = w0
+        W[1, i] = w1
+        mu[lane, i] += w0 * e0 + w1 * e1
+    for i in range(n):
+        w0, w1 = W[0, i], W[1, i]
+        for k in range(n):
+            P[lane, i, k] -= w0 * W[0, k] + w1 * W[1, k]
