@@ -37,7 +37,7 @@ def run_unit(plan: Plan, unit: Unit) -> Unit:
     combination = plan.combinations[unit.combination]
     warm_up(combination, combination.estimators)
     records = simulate(combination, plan.seed, unit.runs, mode=plan.mode, tracks=plan.tracks)
-    arrays = {name: a for e, part in enumerate(records) for name, a in part.to_arrays(str(e)).items()}
+    arrays: dict[str, Any] = {name: a for e, part in enumerate(records) for name, a in part.to_arrays(str(e)).items()}
     write_atomic(unit.path, partial(np.savez, **arrays))
     return unit
 
@@ -143,7 +143,7 @@ class _Episodes:
             # An estimate that is no number is infinitely wrong: counted, never dropped.
             values[np.isnan(values[:, 0]), 0] = np.inf
             self.values[e, going, step] = values
-            for lane in self.drawn:
+            for lane in map(int, self.drawn):
                 if self.steps[lane] == step + 1:
                     self.rows[e].append(self._track(e, lane, step))
 

@@ -37,10 +37,10 @@ NEES = {"pose": 3, "target": 2, "target_state": 0, "landmark": 2}
 SERIES = ("robot_error", "heading_error", "target_error", "target_error_rel", "landmark_error",
           "pose_nees", "target_nees", "landmark_nees")  # fmt: skip
 PAIRED = {
-    "robot_error_rmse": ("robot position RMSE", "m"),
-    "target_error_rmse": ("target position RMSE", "m"),
-    "target_error_rel_rmse": ("target RMSE in the robot's frame", "m"),
-    "lost_share": ("share of time with the target lost", ""),
+    "robot_error_rmse": ("robot RMSE", "m"),
+    "target_error_rmse": ("target RMSE", "m"),
+    "target_error_rel_rmse": ("relative target RMSE", "m"),
+    "lost_share": ("share of time lost", ""),
 }
 
 
@@ -210,8 +210,9 @@ def sentence(who: str, baseline: str, words: str, unit: str, found: Paired) -> s
     unit = f" {unit}" if unit else ""
     if found.n < 2:
         return f"{who} against {baseline}: {words} {found.difference:+.4f}{unit} in one run; no interval from one run."
-    interval = f"95 % interval {found.low:+.4f} to {found.high:+.4f}, {found.n} runs"
     if not found.clear:
-        return f"{who} against {baseline}: no clear difference in {words} ({found.difference:+.4f}{unit}; {interval})."
-    word = "lower" if found.difference < 0 else "higher"
+        interval = f"95 % CI {found.low:+.4f} to {found.high:+.4f}"
+        return f"{who} against {baseline}: {words} no different ({found.difference:+.4f}{unit}, {interval})."
+    word, low, high = ("lower", -found.high, -found.low) if found.difference < 0 else ("higher", found.low, found.high)
+    interval = f"95 % CI {low:.4f} to {high:.4f}"
     return f"{who} against {baseline}: {words} {abs(found.difference):.4f}{unit} {word} ({interval})."

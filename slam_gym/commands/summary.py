@@ -1,76 +1,74 @@
 """Results as tables for a terminal of 100 columns."""
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import pandas as pd
 from rich.console import Console
+from rich.markup import escape
 from rich.table import Table
 
 from slam_gym.results import Results
 
 NEES_SUSPECT = 1.5  # times its expectation: shown in red
-SENTENCES = 12  # paired differences printed; the rest stays in the files
+NAME_WIDTH = 24
+SENTENCES = 14  # paired differences printed; the rest stays in the files
 
-Row = dict[str, Any]
+Row = Mapping[Any, Any]
 COLUMNS: tuple[tuple[str, str, Callable[[Row], str]], ...] = (
-    ("robot", "robot_error_rmse", lambda row: with_spread(row, "robot_error_rmse")),
-    ("heading", "heading_error_rmse", lambda row: number(row["heading_error_rmse"], 4)),
-    ("target", "target_error_rmse", lambda row: with_spread(row, "target_error_rmse")),
-    ("relative", "target_error_rel_rmse", lambda row: number(row["target_error_rel_rmse"])),
-    ("landmarks", "landmark_error_rmse", lambda row: number(row["landmark_error_rmse"])),
+    ("robot\n[m]", "robot_error_rmse", lambda row: with_spread(row, "robot_error_rmse")),
+    ("heading\n[rad]", "heading_error_rmse", lambda row: number(row["heading_error_rmse"], 4)),
+    ("target\n[m]", "target_error_rmse", lambda row: with_spread(row, "target_error_rmse")),
+    ("relative\n[m]", "target_error_rel_rmse", lambda row: with_spread(row, "target_error_rel_rmse")),
+    ("map\n[m]", "landmark_error_rmse", lambda row: number(row["landmark_error_rmse"])),
     ("pose\nNEES", "pose_nees_mean", lambda row: nees(row["pose_nees_mean"], 3)),
     ("target\nNEES", "target_nees_mean", lambda row: nees(row["target_nees_mean"], 2)),
-    ("diverged", "diverged", lambda row: str(int(row["diverged"])) if row["diverged"] else "-"),
-    ("lost", "lost_share", lambda row: percent(row["lost_share"])),
-    ("us", "predict_us", lambda row: number(row["predict_us"] + row["update_us"], 1)),
+    ("di-\nverged", "diverged", lambda row: str(int(row["diverged"])) if row["diverged"] else "-"),
+    ("lost\n[%]", "lost_share", lambda row: number(100.0 * row["lost_share"], 1)),
+    ("time\n[us]", "predict_us", lambda row: number(row["predict_us"] + row["update_us"], 1)),
 )
 
 
 def print_results(results: Results, console: Console) -> None:
     """One table per scenario and policy, then the paired differences."""
-    from estimators.registry import get
-
     for (scenario, policy), group in results.summary.groupby(["scenario", "policy"], sort=False):
-        table = Table(title=f"{scenario}, policy {policy}: {int(group['n_runs'].max())} runs", title_justify="left",
-                      padding=(0, 1), box=None, header_style="bold")  # fmt: skip
+        title = f"{scenario}, policy {policy}: {int(group['n_runs'].max())} runs"
         present = [column for column in COLUMNS if group[column[1]].notna().any()]
-        table.add_column("estimator", no_wrap=True)
-        for title, _, _ in present:
-            table.add_column(title, justify="right", no_wrap=True)
+        if len(group) > 1 and group["lost_share"].nunique() == 1:  # shared data: said once
+            title += f", target lost {100.0 * group['lost_share'].iloc[0]:.1f} % of the time"
+            present = [column for column in present if column[1] != "lost_share"]
+        table = Table(title=title, title_justify="left", title_style="bold", box=None, padding=(0, 1),
+                      collapse_padding=True, pad_edge=False)  # fmt: skip
+        table.add_column("estimator", no_wrap=True, max_width=NAME_WIDTH)
+        for heading, _, _ in present:
+            table.add_column(escape(heading), justify="right", no_wrap=True)
         for row in group.to_dict("records"):
             name = str(row["estimator"])
-            table.add_row(name + (" *" if _is_reference(name, get) else ""), *(make(row) for _, _, make in present))
+            table.add_row(name + (" *" if _is_reference(name) else ""), *(make(row) for _, _, make in present))
         console.print(table)
     console.print(_legend(results), style="dim", highlight=False)
     print_paired(results.paired, console)
 
 
-def _is_reference(name: str, get: Callable[[str], Any]) -> bool:
+def _is_reference(name: str) -> bool:
     from estimators.interface import TruthAware
+    from estimators.registry import get
 
     try:
         return issubclass(get(name.partition(":")[0]), TruthAware)
-    except (ValueError, ImportError):  # results of a plug-in that is not installed here
+    except (ValueError, ImportError, AttributeError):  # results of a plug-in that is not installed here
         return False
 
 
 def _legend(results: Results) -> str:
     lines = [
-        "RMSE in m and rad, ± standard deviation over runs; relative: target in the robot's frame;",
-        "NEES: 3 (pose) and 2 (target) when honest; lost: time with the target unseen for over 2 s;",
-        "us: filter time per step, predict + update.",
+        "RMSE ± standard deviation over runs; relative: the target in the robot's frame; NEES: 3 (pose) and",
+        "2 (target) when honest, red where far above; lost: unseen for over 2 s; time: predict + update.",
     ]
-    if any(_starred(results)):
-        lines.append("* is told the truth to linearise at: a reference, not a filter one could use.")
+    if any(map(_is_reference, set(results.summary["estimator"]))):
+        lines.append("* is told the truth to linearise at: a reference, not a filter that one could use.")
     return "\n".join(lines)
-
-
-def _starred(results: Results) -> list[bool]:
-    from estimators.registry import get
-
-    return [_is_reference(name, get) for name in set(results.summary["estimator"])]
 
 
 def print_paired(paired: pd.DataFrame, console: Console) -> None:
@@ -95,15 +93,10 @@ def number(value: float, digits: int = 3) -> str:
 def with_spread(row: Row, name: str) -> str:
     """Value and standard deviation over runs."""
     spread = row.get(f"{name}_sd", math.nan)
-    return number(row[name]) + (f" ±{number(spread)}" if math.isfinite(spread) else "")
+    return number(row[name]) + (f"±{number(spread)}" if math.isfinite(spread) else "")
 
 
 def nees(value: float, dof: int) -> str:
     """A NEES, red where it is far above its expectation."""
     text = number(value, 2 if not value >= 1000.0 else 0)
     return f"[red]{text}[/red]" if value > NEES_SUSPECT * dof else text
-
-
-def percent(value: float) -> str:
-    """A share in per cent."""
-    return "-" if math.isnan(value) else f"{100.0 * value:.1f}%"

@@ -158,10 +158,10 @@ def test_paired_differences_are_said_in_words():
     row = paired[paired["metric"] == "robot_error_rmse"].iloc[0]
     assert row["baseline"] == "ekf"
     assert row["difference"] < 0 and row["high"] < 0 and row["n"] == 20
-    assert row["sentence"].startswith("ri-ekf against ekf: robot position RMSE 0.")
-    assert "m lower (95 % interval -" in row["sentence"]
+    assert row["sentence"].startswith("ri-ekf against ekf: robot RMSE 0.")
+    assert "m lower (95 % CI 0." in row["sentence"]
     same = paired[paired["metric"] == "target_error_rmse"].iloc[0]
-    assert "no clear difference in target position RMSE" in same["sentence"]
+    assert "target RMSE no different" in same["sentence"]
     assert "lost_share" not in set(paired["metric"])  # shared data: the same for both
 
 
@@ -170,7 +170,7 @@ def test_policies_are_compared_as_estimators_are():
     near = tables.run_table(KEY, records(runs=9))
     paired = tables.paired_table(pd.concat([near, far]))
     assert set(paired["baseline"]) == {"policy pursuit"}
-    assert paired["sentence"].iloc[0].startswith("ekf under policy random against policy pursuit: robot position RMSE")
+    assert paired["sentence"].iloc[0].startswith("ekf under policy random against policy pursuit: robot RMSE")
     one = tables.paired_table(tables.run_table(KEY, records()))
     assert list(one.columns) == list(paired.columns) and not len(one)
 
