@@ -211,5 +211,5 @@ class CDKF(GaussianEstimator):
         update(
             self.mu, self.P, self.work, self.models, self.n_t, self.count, self.ids, self.first, self.next_id,
             self.target_known, self.pending, self.counters, scan.ranges, scan.bearings, scan.labels, scan.count,
-            self._code, self.gates, self.cost, self.slots, self.last_dt, lanes, self.h, self.scratch,
+            self.association_code, self.gates, self.cost, self.slots, self.last_dt, lanes, self.h, self.scratch,
         )  # fmt: skip

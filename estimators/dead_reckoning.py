@@ -1,0 +1,113 @@
+"""Odometry alone: the floor that every filter must beat, and the tracker that follows a target from a given pose."""
+
+import numpy as np
+
+from estimators.gaussian.ekf import associate, observe, predict
+from estimators.gaussian.growth import GATE_REJECTED, NOT_POSITIVE, REINITIALISED, forget_target, start_target
+from estimators.gaussian.layout import GaussianEstimator
+from estimators.interface import Floats, Ints, Scan
+from estimators.kernels.angles import wrap
+from estimators.kernels.association import NEAREST, TARGET_SLOT
+from estimators.kernels.gaussian import ROBOT, rows_in_use
+from estimators.kernels.jit import inline, jit
+from estimators.kernels.range_bearing import noise_std, offset, offset_noise
+from estimators.models import TWIST
+
+
+@inline
+def keep_pose(mu, P, lane, kept):
+    """Copy pose and pose covariance of a lane into `kept` [4, 3]."""
+    for i in range(ROBOT):
+        kept[3, i] = mu[lane, i]
+        for k in range(ROBOT):
+            kept[i, k] = P[lane, i, k]
+
+
+@inline
+def put_pose_back(mu, P, lane, kept):
+    """Undo what an update did to the pose, but not to the target's covariance with it: Schmidt's update."""
+    for i in range(ROBOT):
+        mu[lane, i] = kept[3, i]
+        for k in range(ROBOT):
+            P[lane, i, k] = kept[i, k]
+
+
+@inline
+def meet_target(mu, P, lane, n, model, target_known, pending, distance, bearing, dt):
+    """Start the target from a return, relative to the pose."""
+    dx, dy = offset(distance, bearing, mu[lane, 2])
+    std_r, std_b = noise_std(model, distance)
+    n00, n01, n11 = offset_noise(dx, dy, std_r, std_b)
+    start_target(
+        mu, P, lane, n, model, target_known, pending, dx, dy, -dy, dx, n00, n01, n11, mu[lane, 3], mu[lane, 4], dt
+    )
+
+
+@jit
+def update(
+    mu, P, W, models, n_t, count, ids, target_known, pending, counters, ranges, bearings, labels, num_returns, code,
+    gates, cost, slots, last_dt, lanes, kept,
+):  # fmt: skip
+    """Take the target's returns out of a sweep; nothing else is looked at, and the pose stays as it was.
+
+    The gain of the pose is set to zero and its uncertainty considered in the target's (Schmidt-Kalman).
+    """
+    for i in range(lanes.size):
+        lane = lanes[i]
+        model, n = models[lane], rows_in_use(n_t, 0)
+        associate(
+            lane, mu, P, model, n_t, count, ids, target_known, counters, ranges, bearings, labels, num_returns[lane],
+            code, gates, cost, slots,
+        )  # fmt: skip
+        gate = gates[1] if code == NEAREST else gates[0]
+        keep_pose(mu, P, lane, kept)
+        for k in range(num_returns[lane]):
+            if slots[lane, k] != TARGET_SLOT:
+                continue
+            if target_known[lane]:
+                limit = min(gate, model.reinitialise_nis)
+                outcome = observe(mu, P, W, lane, n, ROBOT, model, ranges[lane, k], bearings[lane, k], limit)
+                put_pose_back(mu, P, lane, kept)
+                if outcome == 1:
+                    counters[lane, NOT_POSITIVE] += 1
+                elif outcome == 2 and model.reinitialise_nis <= gate:
+                    forget_target(mu, P, lane, n, n_t, target_known, pending)
+                    counters[lane, REINITIALISED] += 1
+                elif outcome == 2:
+                    counters[lane, GATE_REJECTED] += 1
+            if not target_known[lane]:
+                distance, bearing = ranges[lane, k], bearings[lane, k]
+                meet_target(mu, P, lane, n, model, target_known, pending, distance, bearing, last_dt[lane])
+        if n_t > 0 and model.target_kind == TWIST:
+            mu[lane, 5] = wrap(mu[lane, 5])
+
+
+class DeadReckoning(GaussianEstimator):
+    """Pose by odometry alone, with growing covariance; no map. The target is filtered relative to that pose.
+
+    Sightings never correct the pose: its gain is zero, its uncertainty considered in the target's.
+
+    Args:
+        motion, sensor, target, num_lanes, max_landmarks: see `Estimator`.
+        **options: see `GaussianEstimator`; a budget has nothing to keep within.
+    """
+
+    name = "dead-reckoning"
+    summary = "Odometry alone, no map; the target relative to that pose: the floor"
+
+    def _allocate(self) -> None:
+        super()._allocate()
+        self.kept: Floats = np.zeros((ROBOT + 1, ROBOT))  # scratch
+
+    def _predict(self, control: Floats, dt: Floats, lanes: Ints) -> None:
+        predict(
+            self.mu, self.P, self.models, self.n_t, self.count, self.target_known, self.pending, control, dt,
+            self.last_dt, lanes,
+        )  # fmt: skip
+
+    def _update(self, scan: Scan, lanes: Ints) -> None:
+        update(
+            self.mu, self.P, self.work, self.models, self.n_t, self.count, self.ids, self.target_known, self.pending,
+            self.counters, scan.ranges, scan.bearings, scan.labels, scan.count, self.association_code, self.gates,
+            self.cost, self.slots, self.last_dt, lanes, self.kept,
+        )  # fmt: skip
