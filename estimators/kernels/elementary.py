@@ -15,6 +15,7 @@ TWO_PI = 2.0 * math.pi
 _HALF_PI = 0.5 * math.pi
 _TAN_PI_8 = math.sqrt(2.0) - 1.0
 _TINY = 1e-300
+_TINY_SINE = 1e-290
 _LN2_HIGH, _LN2_LOW = 6.93147180369123816490e-01, 1.90821492927058770002e-10
 _LOG2_E = 1.44269504088896338700e00
 _SQRT_HALF = math.sqrt(0.5)
@@ -76,7 +77,7 @@ def angle_between(dot, cross):
     2 atan(cross / (1 + dot)), by the half angle: one division, then an odd polynomial on |t| <= tan(pi/8).
     The two need not be normalised to the last digit: their common factor enters with half its relative error.
     """
-    a = abs(cross)
+    a = abs(cross) + _TINY_SINE  # so that exactly opposite directions are half a turn apart, not none
     b = 1.0 + dot
     b = b if b > _TINY else _TINY
     # atan(a/b) = m pi/4 + atan(t), m in 0, 1, 2, with |t| <= tan(pi/8)
