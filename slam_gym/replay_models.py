@@ -80,7 +80,8 @@ def mrclam_models(calibration: tuple[float, float, float] = MRCLAM_CALIBRATION, 
     Motion: spread of recorded displacements over 1 to 20 s about the calibrated commands. The noise vanishes with the
     command (these robots stand still when told to), and that of the heading grows with the angle turned: 0.1 rad per
     root radian, which is 0.063 rad per root second at their usual 0.4 rad/s.
-    Target: another robot at up to 0.1 m/s that turns every few seconds.
+    Target: another robot at up to 0.1 m/s that turns every few seconds; the acceleration is a compromise between the
+    first seconds out of sight, which want more, and a minute later, when a constant velocity runs out of the room.
 
     Args:
         calibration: speed scale, turn scale, turn bias [rad/s] (true = scale x logged + bias).
@@ -107,7 +108,7 @@ def mrclam_models(calibration: tuple[float, float, float] = MRCLAM_CALIBRATION, 
             range_law="quadrature",
             bearing_std=0.014,
         ),
-        target=TargetModel(acceleration_density=0.05, initial_speed_std=0.07) if target else None,
+        target=TargetModel(acceleration_density=0.02, initial_speed_std=0.06, reinitialise_nis=20.0) if target else None,
         command_delay=MRCLAM_COMMAND_DELAY,
     )
 
