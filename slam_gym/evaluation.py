@@ -207,7 +207,7 @@ def collect(plan: Plan, folder: Path, wanted: Sequence[int], how: Mapping[str, A
     keep = set(wanted)
     for index, combination in enumerate(plan.combinations):
         target = combination.scenario.models()[2]
-        options = {"burn_in": plan.burn_in, "target_dof": len(target.coordinates) if target is not None else 2}
+        options = {"burn_in": combination.burn_in, "target_dof": len(target.coordinates) if target is not None else 2}
         for e, spec in enumerate(combination.estimators):
             key = (combination.scenario.name, combination.policy.label, spec.label)
             records = read_parts(part_files(folder, index), e, keep)
@@ -236,7 +236,7 @@ def _provenance(plan: Plan) -> dict[str, Any]:
         "seed": plan.seed,
         "mode": plan.mode,
         "driver": first.estimators[first.driver].label if plan.mode == "shared" else "each its own",
-        "steps_not_scored": plan.burn_in,
+        "steps_not_scored": first.burn_in,
         "versions": versions(),
         "settings": plan.to_dict(),
     }

@@ -28,6 +28,7 @@ class Combination:
     policy: Spec
     estimators: tuple[Spec, ...]
     driver: int  # which estimator's belief the policy acts on, when the data are shared
+    burn_in: int = 0  # first steps that are not scored
 
     @property
     def name(self) -> str:
@@ -42,21 +43,20 @@ class Plan:
     combinations: tuple[Combination, ...]
     seed: int
     mode: Mode
-    burn_in: int
-    tracks: int
+    tracks: int  # first runs that are recorded in full
 
     def to_dict(self) -> dict[str, Any]:
         """JSON types; equal dictionaries mean equal numbers."""
         return {
             "seed": self.seed,
             "mode": self.mode,
-            "burn_in": self.burn_in,
             "tracks": self.tracks,
             "combinations": [
                 {
                     "scenario": c.scenario.to_dict(),
                     "policy": c.policy.to_dict(),
                     "estimators": [spec.to_dict() for spec in c.estimators],
+                    "burn_in": c.burn_in,
                     "driver": c.estimators[c.driver].label if self.mode == "shared" else None,
                 }
                 for c in self.combinations
@@ -71,8 +71,9 @@ def plan_from_dict(settings: Mapping[str, Any]) -> Plan:
         specs = tuple(Spec(**spec) for spec in item["estimators"])
         labels = [spec.label for spec in specs]
         driver = labels.index(item["driver"]) if item["driver"] is not None else 0
-        combinations.append(Combination(Scenario.load(item["scenario"]), Spec(**item["policy"]), specs, driver))
-    return Plan(tuple(combinations), settings["seed"], settings["mode"], settings["burn_in"], settings["tracks"])
+        scenario, policy = Scenario.load(item["scenario"]), Spec(**item["policy"])
+        combinations.append(Combination(scenario, policy, specs, driver, item["burn_in"]))
+    return Plan(tuple(combinations), settings["seed"], settings["mode"], settings["tracks"])
 
 
 def make_plan(
@@ -106,15 +107,20 @@ def make_plan(
     for scenario in loaded:
         specs = _estimators(scenario, estimators, estimator_options)
         lead = _driver(specs, driver)
+        unscored = _burn_in(scenario, burn_in)
         for policy in _policies(scenario, chosen_policies):
             _try(scenario, policy, specs)
-            combinations.append(Combination(scenario, policy, specs, lead))
-    if burn_in is None:
-        burn_in = max(int(scenario.burn_in) for scenario in loaded)
-    shortest = min(int(scenario.max_steps) for scenario in loaded)
-    if not 0 <= burn_in < shortest:
-        raise ValueError(f"burn_in must be from 0 to {shortest - 1}, one less than the steps of a run; got {burn_in}")
-    return Plan(tuple(combinations), int(seed), mode, int(burn_in), int(tracks))  # type: ignore[arg-type]
+            combinations.append(Combination(scenario, policy, specs, lead, unscored))
+    return Plan(tuple(combinations), int(seed), mode, int(tracks))  # type: ignore[arg-type]
+
+
+def _burn_in(scenario: Scenario, chosen: int | None) -> int:
+    burn_in = scenario.burn_in if chosen is None else chosen
+    if not 0 <= burn_in < scenario.max_steps:
+        raise ValueError(
+            f"burn_in must be less than the {scenario.max_steps} steps of a run of {scenario.name!r}; got {burn_in}"
+        )
+    return int(burn_in)
 
 
 def _listed(value: Any) -> list[Any]:
