@@ -44,7 +44,8 @@ def replay(
         models: what they believe.
         inflations: factors on the sensor's variances; 1 is white noise as the models say.
         association: "known" uses landmark ids, "nearest" hides them (the target's returns stay labelled).
-        gate: NIS above which a labelled return is taken for a mis-read label.
+        gate: NIS above which a labelled return is taken for a mis-read label; for filters with one Gaussian (particle
+            filters take theirs as an option of their own).
         sample_rate: [Hz] of the metrics.
         out: the results' folder; written only by `Results.save`.
         progress: called with each row's name before it starts.

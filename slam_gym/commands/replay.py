@@ -51,7 +51,8 @@ class Settings:
     association: Literal["known", "nearest"] = "known"
     """Use the landmarks' ids, or hide them."""
     gate: float = 13.8
-    """NIS (2 degrees of freedom) above which a labelled return is taken for a mis-read label; `inf` for none."""
+    """NIS (2 degrees of freedom) above which a labelled return is taken for a mis-read label; `inf` for none.
+    Particle filters work better without and take one only as their own option: `slamto:gate=400`."""
     command_delay: float | None = None
     """[s] from a command to its motion; by default 0.2 for MRCLAM, 0 for logs."""
     sample_rate: float = 1.0
