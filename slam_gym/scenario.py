@@ -256,7 +256,7 @@ class Scenario:
 
     def to_dict(self) -> dict[str, Any]:
         """Nested dictionaries of JSON types; `from_dict` restores the scenario."""
-        return scenario_io.plain(asdict(self))  # type: ignore[no-any-return]
+        return scenario_io.plain(asdict(self))
 
     @property
     def has_target(self) -> bool:

@@ -27,8 +27,8 @@ Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
 _STATE = (
-    "numbers", "key", "episode", "step_count", "pose", "body", "target", "target_heading", "memory", "delayed", "errors", "landmarks",
-    "landmark_radius", "landmark_count", "odometry", "start_pose", "due", "target_visible", "target_detected",
+    "numbers", "key", "episode", "step_count", "pose", "body", "target", "target_heading", "memory", "delayed", "errors",
+    "landmarks", "landmark_radius", "landmark_count", "odometry", "start_pose", "due", "target_visible", "target_detected",
     "time_since_seen", "collisions", "in_collision", "origin",
 )  # fmt: skip
 
@@ -141,9 +141,11 @@ class World:
         ranges = Ranges(self.scenario, options) if options else self._ranges
         self.numbers[lanes] = self._fixed
         ranges.draw(self._values, lanes, self.key, self.episode)
-        for state in (self.step_count, self.memory, self.delayed, self.errors, self.odometry, self.collisions):
-            state[lanes] = 0
-        for state in (self.time_since_seen, self.in_collision, self.target_detected, self.due, self.scan.count):
+        started: tuple[NDArray[Any], ...] = (
+            self.step_count, self.memory, self.delayed, self.errors, self.odometry, self.collisions,
+            self.time_since_seen, self.in_collision, self.target_detected, self.due, self.scan.count,
+        )  # fmt: skip
+        for state in started:
             state[lanes] = 0
         place_landmarks(
             lanes, self.numbers, self.key, self.episode, self._points, self.landmarks, self.landmark_radius,

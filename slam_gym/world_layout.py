@@ -50,11 +50,11 @@ def _place(lane, j, attempt, w, key, episode, file_points, count):
     """A candidate for landmark j."""
     if w.landmarks_layout == FILE:
         return file_points[j, 0], file_points[j, 1]
-    u0, u1, u2, u3 = uniform4(key[lane], episode[lane], attempt, DRAW_LAYOUT, j)
+    u0, u1, u2, _ = uniform4(key[lane], episode[lane], attempt, DRAW_LAYOUT, j)
     half_x = 0.5 * w.arena_width - w.landmarks_margin
     half_y = 0.5 * w.arena_height - w.landmarks_margin
     if w.landmarks_layout == GRID:
-        columns = int(math.ceil(math.sqrt(float(count[lane]))))
+        columns = math.ceil(math.sqrt(float(count[lane])))
         rows = (count[lane] + columns - 1) // columns
         x = (2.0 * (j % columns) + 1.0) / columns - 1.0
         y = (2.0 * (j // columns) + 1.0) / rows - 1.0

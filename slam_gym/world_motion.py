@@ -72,7 +72,7 @@ def move(
 
 @inline
 def _executed(lane, w, step, command, delayed, memory):
-    """The command that acts now (delayed, within the limits, the steering no faster than it can turn), and the issued one."""
+    """The command that acts now (delayed, limited, the steering no faster than it can turn), and the issued one."""
     ring = delayed.shape[1]
     back = int(min(math.floor(w.robot_command_delay / w.dt + 0.5), ring - 1.0))
     now = step[lane] % ring
