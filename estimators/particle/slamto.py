@@ -190,13 +190,16 @@ class SLAMTO(Estimator):
         )  # fmt: skip
 
     def _fill_core(self, buffers: dict[str, Any]) -> None:
-        fill_pose_lanes(self._pose, self._w, buffers["pose"], buffers["pose_cov"])
+        fill_pose_lanes(self._pose, self._w, self._scratch, buffers["pose"], buffers["pose_cov"])
         if self.target is None:
             return
         filled = [buffers[name] for name in _TARGET_BUFFERS]
-        for buffer in filled:
-            buffer[...] = 0
-        fill_target_lanes(self.models, self._state, self._pose, self._target, self._log_hypothesis, self._w, *filled)
+        if not self._state["hypotheses"].all():
+            for buffer in filled:
+                buffer[...] = 0
+        fill_target_lanes(
+            self.models, self._state, self._pose, self._target, self._log_hypothesis, self._w, self._scratch, *filled
+        )
         buffers["target_position"][:] = buffers["target_mean"][:, :2]
         buffers["target_position_cov"][:] = buffers["target_cov"][:, :2, :2]
 
@@ -205,10 +208,9 @@ class SLAMTO(Estimator):
         for buffer in filled:
             buffer[...] = 0
         buffers["landmark_id"].fill(-1)
-        flat = np.zeros((1, self.num_particles))
         fill_map_lanes(
-            self._state, self._ids, self._used, self._pose, self._maps, self._w, self.association != "known", flat,
-            self._scratch[0], *filled,
+            self._state, self._ids, self._used, self._pose, self._maps, self._w, self.association != "known",
+            self._scratch, *filled,
         )  # fmt: skip
 
     @property
