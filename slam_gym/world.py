@@ -27,9 +27,9 @@ Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
 _STATE = (
-    "numbers", "key", "episode", "step_count", "pose", "body", "target", "target_heading", "memory", "delayed", "errors",
-    "landmarks", "landmark_radius", "landmark_count", "odometry", "start_pose", "due", "target_visible", "target_detected",
-    "time_since_seen", "collisions", "in_collision", "origin",
+    "numbers", "key", "episode", "step_count", "pose", "body", "target", "target_heading", "memory", "delayed",
+    "errors", "landmarks", "landmark_radius", "landmark_count", "odometry", "start_pose", "due",
+    "target_visible", "target_detected", "time_since_seen", "collisions", "in_collision", "origin",
 )  # fmt: skip
 
 
@@ -94,7 +94,7 @@ class World:
         self.due, self.target_visible, self.target_detected = (np.zeros(L, dtype=np.bool_) for _ in range(3))
         self.time_since_seen = np.zeros(L)
         self.collisions, self.in_collision = np.zeros(L, dtype=np.int64), np.zeros(L, dtype=np.bool_)
-        self._all = np.arange(L)
+        self.lanes = np.arange(L)
         self._bind()
 
     def _bind(self) -> None:
@@ -124,7 +124,7 @@ class World:
         Raises:
             ValueError: an unknown key or impossible value among the options.
         """
-        lanes = self._all if lanes is None else np.asarray(lanes, dtype=np.int64)
+        lanes = self.lanes if lanes is None else np.asarray(lanes, dtype=np.int64)
         chosen = np.broadcast_to(np.asarray(seeds), lanes.shape)
         for lane, seed in zip(lanes, chosen, strict=True):
             self.key[lane] = lane_key(int(seed))
@@ -133,7 +133,7 @@ class World:
 
     def next_episode(self, lanes: Ints | None = None, options: Mapping[str, Any] | None = None) -> None:
         """Begin the next episode of the same seeds: fresh draws, the same for any policy. See `reset`."""
-        lanes = self._all if lanes is None else np.asarray(lanes, dtype=np.int64)
+        lanes = self.lanes if lanes is None else np.asarray(lanes, dtype=np.int64)
         self.episode[lanes] += 1
         self._begin(lanes, options)
 
@@ -174,7 +174,7 @@ class World:
 
     def step(self, command: Floats, lanes: Ints | None = None) -> None:
         """One simulation step. command: [L, 2] (speed [m/s], turn rate [rad/s] or steering angle [rad])."""
-        lanes = self._all if lanes is None else lanes
+        lanes = self.lanes if lanes is None else lanes
         if self.threads > 1 and len(lanes) > 1:
             self._share(command, lanes)
         else:
@@ -195,7 +195,7 @@ class World:
         model = self._models[2]
         if model is None or not self.scenario.target.known_start:
             return None
-        lanes = self._all if lanes is None else lanes
+        lanes = self.lanes if lanes is None else lanes
         known = {"x": self.target[lanes, 0], "y": self.target[lanes, 1], "heading": self.body[lanes, 2],
                  "velocity_x": self.target[lanes, 2], "velocity_y": self.target[lanes, 3]}  # fmt: skip
         mean = np.stack([known[name] for name in model.coordinates], axis=-1)

@@ -1,0 +1,167 @@
+"""A world and the estimators that watch it: the loop that the environments and the comparison share."""
+
+from collections.abc import Mapping, Sequence
+from time import perf_counter
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from estimators import registry
+from estimators.interface import Estimator, TruthAware
+from slam_gym.metrics import Meter
+from slam_gym.scenario import Scenario
+from slam_gym.world import World
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+
+class Simulation:
+    """L lanes of a scenario, and any number of estimators that process identical data.
+
+    Args:
+        scenario: what is simulated.
+        estimators: (name, options) of each.
+        num_lanes: L.
+        threads: for the world's kernels.
+        allow_truth: accept reference filters that are handed the truth.
+        timed: measure the estimators' time.
+
+    Attributes:
+        world, estimators, meters: one meter per estimator.
+        predict_seconds, update_seconds: [E] with `timed`; predict_calls, update_calls: [E] lane-calls they cover.
+
+    Raises:
+        ValueError: an unknown estimator or option, or a reference filter without `allow_truth`.
+    """
+
+    def __init__(
+        self,
+        scenario: Scenario,
+        estimators: Sequence[tuple[str, Mapping[str, Any]]],
+        num_lanes: int = 1,
+        threads: int = 1,
+        *,
+        allow_truth: bool = False,
+        timed: bool = False,
+    ) -> None:
+        self.scenario, self.num_lanes, self.dt, self.timed = scenario, int(num_lanes), float(scenario.dt), timed
+        self.world = World(scenario, num_lanes, threads)
+        self.estimators = [self._build(name, options, allow_truth) for name, options in estimators]
+        self.meters = [Meter(num_lanes, e.max_landmarks) for e in self.estimators]
+        self._plain = not timed and not any(isinstance(e, TruthAware) for e in self.estimators)
+        self._period = int(scenario.sensor_period)
+        count = len(self.estimators)
+        self.predict_seconds, self.update_seconds = np.zeros(count), np.zeros(count)
+        self.predict_calls, self.update_calls = np.zeros(count, dtype=np.int64), np.zeros(count, dtype=np.int64)
+
+    def _build(self, name: str, options: Mapping[str, Any], allow_truth: bool) -> Estimator:
+        if issubclass(registry.get(name), TruthAware) and not allow_truth:
+            raise ValueError(
+                f"estimator {name!r} is a reference that is handed the truth; it is for comparisons only "
+                "(allow_truth=True accepts it all the same)"
+            )
+        motion, sensor, target = self.scenario.models()
+        chosen = {"max_landmarks": self.scenario.max_landmarks, **options}
+        if not self.scenario.landmarks.labelled:
+            chosen.setdefault("association", "nearest")
+        return registry.make(name, motion, sensor, target, num_lanes=self.num_lanes, **chosen)
+
+    def reset(
+        self, seeds: ArrayLike | None, lanes: Ints | None = None, options: Mapping[str, Any] | None = None
+    ) -> None:
+        """Begin an episode in the named lanes (None: all); seeds None: the next episode of the same seeds.
+
+        `options`: numbers of the scenario for this episode, by dotted key; see `World.reset`.
+        """
+        world = self.world
+        chosen = np.arange(self.num_lanes) if lanes is None else np.asarray(lanes, dtype=np.int64)
+        if seeds is None:
+            world.next_episode(chosen, options)
+        else:
+            world.reset(seeds, chosen, options)
+        start = world.target_start(chosen)
+        mean, cov = start if start is not None else (None, None)
+        streams = (world.key[chosen] >> np.uint64(1)).astype(np.int64) + world.episode[chosen]
+        for estimator in self.estimators:
+            if world.models_vary or options:
+                for lane in chosen:
+                    estimator.set_models(int(lane), *world.lane_models(int(lane)))
+            estimator.reset(
+                world.start_pose[chosen], world.start_cov[chosen], seeds=streams, target=mean, target_cov=cov,
+                lanes=None if lanes is None else chosen,
+            )  # fmt: skip
+
+    def advance(self, command: Floats, lanes: Ints | None = None) -> None:
+        """One simulation step: the world moves, every estimator predicts, and updates where a sweep is due.
+
+        Args:
+            command: [L, 2] physical, (speed [m/s], turn rate [rad/s] or steering angle [rad]).
+            lanes: [n] which lanes; None: all.
+        """
+        world = self.world
+        if not self._plain:
+            self._advance_watched(command, lanes)
+            return
+        world.step(command, lanes)
+        due = self._due(lanes)
+        for estimator in self.estimators:
+            estimator.predict(world.odometry, self.dt, lanes=lanes)
+            if due is not None:
+                estimator.update(world.scan, lanes=due if len(due) < self.num_lanes else None)
+
+    def _due(self, lanes: Ints | None) -> Ints | None:
+        """The lanes with a fresh sweep; None: there are none."""
+        world = self.world
+        if self._period == 1:
+            return world.lanes if lanes is None else lanes
+        due = np.flatnonzero(world.due) if lanes is None else lanes[world.due[lanes]]
+        return due if len(due) else None
+
+    def _advance_watched(self, command: Floats, lanes: Ints | None) -> None:
+        """`advance` with clocks, and with the truth for those that are told it."""
+        world = self.world
+        for estimator in self.estimators:
+            self._tell(estimator)
+        world.step(command, lanes)
+        due = self._due(lanes)
+        for e, estimator in enumerate(self.estimators):
+            self._tell(estimator)
+            began = perf_counter()
+            estimator.predict(world.odometry, self.dt, lanes=lanes)
+            moved = perf_counter()
+            self.predict_seconds[e] += moved - began
+            self.predict_calls[e] += self.num_lanes if lanes is None else len(lanes)
+            if due is not None:
+                estimator.update(world.scan, lanes=due if len(due) < self.num_lanes else None)
+                self.update_seconds[e] += perf_counter() - moved
+                self.update_calls[e] += len(due)
+
+    def _tell(self, estimator: Estimator) -> None:
+        if isinstance(estimator, TruthAware):
+            estimator.set_truth(self.world.pose, self.world.target, self.world.landmarks)
+
+    def measure(self, index: int = 0, lanes: Ints | None = None) -> NDArray[np.void]:
+        """[L] records of `METRIC`: the belief of one estimator against the truth, now."""
+        world = self.world
+        return self.meters[index].measure(
+            self.estimators[index].belief,
+            world.pose,
+            world.target if world.has_target else None,
+            world.landmarks,
+            world.landmark_count,
+            world.labelled,
+            target_heading=world.target_heading,
+            lanes=lanes,
+        )
+
+    def get_state(self) -> dict[str, Any]:
+        """Everything that changes between calls, as copies."""
+        return {"world": self.world.get_state(), "estimators": [e.get_state() for e in self.estimators]}
+
+    def set_state(self, state: Mapping[str, Any]) -> None:
+        """Restore what `get_state` returned."""
+        self.world.set_state(state["world"])
+        for estimator, saved in zip(self.estimators, state["estimators"], strict=True):
+            estimator.set_state(saved)
