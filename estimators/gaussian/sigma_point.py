@@ -8,17 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from estimators.gaussian.ekf import associate
-from estimators.gaussian.growth import (
-    DROPPED_RETURN,
-    GATE_REJECTED,
-    NOT_POSITIVE,
-    OVERFLOW,
-    REINITIALISED,
-    advance_pending,
-    forget_target,
-    start_target,
-)
+from estimators.gaussian.growth import advance_pending, start_target
 from estimators.gaussian.interpolation import (
     ROBOT_MOVES,
     TARGET_MOVES,
@@ -28,6 +18,15 @@ from estimators.gaussian.interpolation import (
     spread_return,
 )
 from estimators.gaussian.layout import GaussianEstimator
+from estimators.gaussian.sweep import (
+    DROPPED_RETURN,
+    GATE_REJECTED,
+    NOT_POSITIVE,
+    OVERFLOW,
+    REINITIALISED,
+    associate,
+    forget_target,
+)
 from estimators.interface import Floats, Ints, Scan
 from estimators.kernels.angles import wrap
 from estimators.kernels.association import NEAREST, NEW, TARGET_SLOT, slot_of

@@ -85,7 +85,7 @@ def nearest(
             nis, log_det = predicted_fit(mu, P, model, lane, j, distance, bearing)
             if nis <= match_gate:
                 cost[k, column] = nis + log_det
-            if nis <= new_gate and slots[lane, k] == NEW:
+            if not nis > new_gate and slots[lane, k] == NEW:
                 slots[lane, k] = DROPPED
     target_taken = False
     for k in range(num_returns):

@@ -110,7 +110,7 @@ def innovation_cov(P, lane, j, a00, a01, a10, a11, c0, c1, r00, r11):
 
 @inline
 def nis_and_log_det(s00, s01, s11, y0, y1):
-    """y' S^-1 y and log det S; (nan, nan) where S is not positive definite."""
+    """NIS y' S^-1 y and log det S; (nan, nan) where S is not positive definite."""
     det = s00 * s11 - s01 * s01
     if not (s00 > 0.0 and det > 0.0):
         return math.nan, math.nan

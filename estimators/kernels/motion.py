@@ -78,7 +78,7 @@ def control_noise(model, v, w, dt, heading, sv, sw):
 
 @inline
 def outer_noise(a0, a1, a2, b0, b1, b2, va, vb):
-    """va a a' + vb b b' of two 3-vectors: the upper triangle, row by row."""
+    """The upper triangle of va a a' + vb b b', row by row, of two 3-vectors."""
     return (
         va * a0 * a0 + vb * b0 * b0,
         va * a0 * a1 + vb * b0 * b1,

@@ -1,0 +1,209 @@
+"""The joint Gaussian over L lanes: its arrays, options and life; every filter of the family derives from it.
+
+A filter adds two kernels, `_predict` and `_update`. The state:
+
+    mu [L, n_max], P [L, n_max, n_max]   robot (x, y, heading), target (n_t), landmark of slot j at 3 + n_t + 2 j;
+                                         n_max = 3 + n_t + 2 M rounded up to a multiple of BLOCK; unused rows are zero
+    count [L], ids [L, M], first [L, M, 2], next_id [L]   landmarks in the map, their ids (-1: empty slot), their
+                                         first estimates, landmarks created so far
+    target_known [L], pending [L, 4]     whether the target is in the state; see `growth` for one seen but once
+    counters [L, K]                      what went wrong, named by COUNTERS
+"""
+
+import math
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from estimators.gaussian.belief import fill_core, fill_map
+from estimators.gaussian.sweep import COUNTERS
+from estimators.interface import Belief, Estimator, Floats, Ints, Scan
+from estimators.kernels.association import KNOWN, NEAREST
+from estimators.kernels.gaussian import BLOCK, ROBOT
+from estimators.models import MotionModel, SensorModel, TargetModel
+
+MATCH_GATE = 9.21  # chi-square, 2 dof, 99 %
+NEW_GATE = 25.0  # NIS beyond which an unlabelled return is a landmark of its own
+_ASSOCIATIONS = {"known": KNOWN, "nearest": NEAREST}
+_STATE = ("mu", "P", "count", "ids", "first", "next_id", "target_known", "pending", "counters", "last_dt", "models")
+
+
+class GaussianEstimator(Estimator):
+    """Base of the filters whose belief is one joint Gaussian over robot, target and landmarks.
+
+    Args:
+        motion, sensor, target, num_lanes, max_landmarks: see `Estimator`.
+        association: "known", by the labels of the returns; "nearest", gated maximum likelihood with mutual exclusion
+            (labels other than TARGET are not looked at).
+        gate: NIS (2 dof) above which a labelled return is rejected; infinity: none.
+        match_gate: NIS below which "nearest" may match a return to a landmark or the target.
+        new_gate: NIS above which, against everything, "nearest" makes a return a new landmark; what lies between
+            the two gates is dropped.
+        budget: largest number of landmarks kept; beyond it the least valuable are marginalised. None: no budget.
+    """
+
+    def __init__(
+        self,
+        motion: MotionModel,
+        sensor: SensorModel,
+        target: TargetModel | None,
+        *,
+        num_lanes: int = 1,
+        max_landmarks: int,
+        association: Literal["known", "nearest"] = "known",
+        gate: float = math.inf,
+        match_gate: float = MATCH_GATE,
+        new_gate: float = NEW_GATE,
+        budget: int | None = None,
+    ) -> None:
+        super().__init__(motion, sensor, target, num_lanes=num_lanes, max_landmarks=max_landmarks)
+        if association not in _ASSOCIATIONS:
+            raise ValueError(f"association must be one of {', '.join(map(repr, _ASSOCIATIONS))}; got {association!r}")
+        for name, value in (("gate", gate), ("match_gate", match_gate), ("new_gate", new_gate)):
+            if not value > 0.0:
+                raise ValueError(f"{name} must be a positive NIS (chi-square, 2 dof); got {value!r}")
+        if new_gate < match_gate:
+            raise ValueError(f"new_gate must be at least match_gate ({match_gate}); got {new_gate}")
+        self.association = association
+        self.gates: Floats = np.array([gate, match_gate, new_gate])
+        self.association_code = _ASSOCIATIONS[association]
+        self._allocate()
+        self.budget = self._make_budget(budget)
+
+    def _allocate(self) -> None:
+        L, M = self.num_lanes, self.max_landmarks
+        self.n_t = len(self.target_names)
+        self.n_max = -(-(ROBOT + self.n_t + 2 * M) // BLOCK) * BLOCK
+        self.mu: Floats = np.zeros((L, self.n_max))
+        self.P: Floats = np.zeros((L, self.n_max, self.n_max))
+        self.count: Ints = np.zeros(L, dtype=np.int64)
+        self.ids: Ints = np.full((L, M), -1, dtype=np.int64)
+        self.first: Floats = np.zeros((L, M, 2))
+        self.next_id: Ints = np.zeros(L, dtype=np.int64)
+        self.target_known = np.zeros(L, dtype=np.bool_)
+        self.pending: Floats = np.zeros((L, 4))
+        self.counters: Ints = np.zeros((L, len(COUNTERS)), dtype=np.int64)
+        self.last_dt: Floats = np.zeros(L)
+        self.work: Floats = np.zeros((3, self.n_max))  # scratch: two rows of W, one of corrections
+        self.slots: Ints = np.zeros((L, 0), dtype=np.int64)  # scratch: the last sweep's association
+        self.cost: Floats = np.zeros((0, M + 1))  # scratch
+        self._dt: Floats = np.zeros(L)
+        self._control_shape = (L, 2)
+        self._core = tuple(self.belief.buffers[name] for name in Belief._CORE)
+        self._map = tuple(self.belief.buffers[name] for name in Belief._MAP)
+
+    def _make_budget(self, budget: int | None) -> Any:
+        if budget is None:
+            return None
+        from estimators.gaussian.landmark_budget import LandmarkBudget
+
+        return LandmarkBudget(self, budget)
+
+    def reset(
+        self,
+        pose: ArrayLike,
+        pose_cov: ArrayLike,
+        *,
+        seeds: ArrayLike,
+        target: ArrayLike | None = None,
+        target_cov: ArrayLike | None = None,
+        lanes: Ints | None = None,
+    ) -> None:
+        """See `Estimator.reset`."""
+        prior = self._prior(pose, pose_cov, seeds, target, target_cov, lanes)
+        chosen = prior.lanes
+        for name in ("mu", "P", "count", "first", "next_id", "target_known", "pending", "counters", "last_dt"):
+            getattr(self, name)[chosen] = 0
+        self.ids[chosen] = -1
+        self.mu[chosen, :ROBOT] = prior.pose
+        self.P[chosen, :ROBOT, :ROBOT] = 0.5 * (prior.pose_cov + np.swapaxes(prior.pose_cov, 1, 2))
+        if prior.target is not None and prior.target_cov is not None:
+            end = ROBOT + self.n_t
+            self.mu[chosen, ROBOT:end] = prior.target
+            if self.target_names[2] == "heading":
+                self.mu[chosen, end - 1] = (prior.target[:, 2] + math.pi) % (2.0 * math.pi) - math.pi
+            self.P[chosen, ROBOT:end, ROBOT:end] = 0.5 * (prior.target_cov + np.swapaxes(prior.target_cov, 1, 2))
+            self.target_known[chosen] = True
+        if self.budget is not None:
+            self.budget.reset(chosen)
+        self._after_reset(chosen)
+        self.belief.mark_stale()
+
+    def _after_reset(self, lanes: Ints) -> None:
+        """A filter's own state, after the common part was reset."""
+
+    def predict(self, control: Floats, dt: float | Floats, *, lanes: Ints | None = None) -> None:
+        """See `Estimator.predict`."""
+        if control.shape != self._control_shape:
+            raise ValueError(f"control must have shape {list(self._control_shape)}; got {list(control.shape)}")
+        if isinstance(dt, float):
+            if dt != self._dt[0]:
+                self._dt = np.full(self.num_lanes, dt)
+            step = self._dt
+        else:
+            step = np.array(np.broadcast_to(np.asarray(dt, dtype=np.float64), (self.num_lanes,)))
+        self._predict(control, step, self.all_lanes if lanes is None else lanes)
+        self.belief.mark_stale()
+
+    def update(self, scan: Scan, *, lanes: Ints | None = None) -> None:
+        """See `Estimator.update`."""
+        self.make_room(scan.ranges.shape[1])
+        chosen = self.all_lanes if lanes is None else lanes
+        self._update(scan, chosen)
+        if self.budget is not None:
+            self.budget.after_update(scan, chosen)
+        self.belief.mark_stale()
+
+    def make_room(self, width: int) -> None:
+        """Give the scratch of an association room for sweeps of that width."""
+        if width > self.slots.shape[1]:
+            self.slots = np.zeros((self.num_lanes, width), dtype=np.int64)
+            self.cost = np.zeros((width, self.max_landmarks + 1))
+
+    def _predict(self, control: Floats, dt: Floats, lanes: Ints) -> None:
+        """The filter's prediction. control: [L, 2], dt: [L]."""
+        raise NotImplementedError
+
+    def _update(self, scan: Scan, lanes: Ints) -> None:
+        """The filter's update; leaves each return's slot in `slots`."""
+        raise NotImplementedError
+
+    def _fill_core(self, buffers: dict[str, Any]) -> None:
+        fill_core(self.mu, self.P, self.models, self.target_known, *self._core)
+
+    def _fill_map(self, buffers: dict[str, Any]) -> None:
+        fill_map(self.mu, self.P, self.n_t, self.count, self.ids, *self._map)
+
+    @property
+    def counts(self) -> dict[str, Ints]:
+        """What went wrong since `reset`: see `sweep.COUNTERS`, and `landmark_budget.COUNTERS` under a budget."""
+        found = {name: self.counters[:, i].copy() for i, name in enumerate(COUNTERS)}
+        return found if self.budget is None else found | self.budget.counts
+
+    def joint(self, lane: int) -> tuple[Floats, Floats]:
+        """Mean [n] and covariance [n, n] over robot, target (where it is known) and mapped landmarks, as copies."""
+        skip = 0 if self.target_known[lane] else self.n_t
+        rows = np.arange(ROBOT + self.n_t + 2 * self.count[lane])
+        rows = rows[(rows < ROBOT) | (rows >= ROBOT + skip)]
+        return self.mu[lane, rows], self.P[lane][np.ix_(rows, rows)]
+
+    @property
+    def _state_names(self) -> tuple[str, ...]:
+        """Arrays that change between calls; a filter with more adds their names."""
+        return _STATE
+
+    def get_state(self) -> dict[str, Any]:
+        """See `Estimator.get_state`."""
+        state: dict[str, Any] = {name: getattr(self, name).copy() for name in self._state_names}
+        if self.budget is not None:
+            state["budget"] = self.budget.get_state()
+        return state
+
+    def set_state(self, state: dict[str, Any]) -> None:
+        """See `Estimator.set_state`."""
+        for name in self._state_names:
+            getattr(self, name)[...] = state[name]
+        if self.budget is not None:
+            self.budget.set_state(state["budget"])
+        self.belief.mark_stale()

@@ -1,0 +1,64 @@
+"""What every filter's update shares: association before it, and the book-keeping of returns that were not used."""
+
+from estimators.kernels.association import DROPPED, NEAREST, nearest, slot_by_label
+from estimators.kernels.gaussian import ROBOT, clear_rows
+from estimators.kernels.jit import inline
+
+COUNTERS = (
+    "gate_rejected",  # a labelled return outside `gate`
+    "not_positive",  # an update skipped: innovation covariance not positive definite, or the point at the robot
+    "overflow",  # a new landmark beyond `max_landmarks`
+    "reinitialised",  # the target started anew from a return beyond `reinitialise_nis`
+    "dropped",  # a return not used: not finite, ambiguous, without a usable label, a second one of a new landmark
+)
+GATE_REJECTED, NOT_POSITIVE, OVERFLOW, REINITIALISED, DROPPED_RETURN = range(len(COUNTERS))
+
+USED, UNUSABLE, UNLIKELY = 0, 1, 2  # what became of a return
+
+
+@inline
+def associate(
+    lane, mu, P, model, n_t, count, ids, target_known, counters, ranges, bearings, labels, num_returns, code, gates, cost,
+    slots,
+):  # fmt: skip
+    """Fill `slots` for one lane's sweep, before anything is updated. gates: (gate, match_gate, new_gate)."""
+    if code == NEAREST:
+        nearest(
+            lane, mu, P, model, n_t, count[lane], target_known[lane], ranges, bearings, labels, num_returns, gates[1],
+            gates[2], cost, slots,
+        )  # fmt: skip
+    else:
+        for k in range(num_returns):
+            slots[lane, k] = slot_by_label(
+                ids, lane, count[lane], labels[lane, k], ranges[lane, k], bearings[lane, k], n_t > 0
+            )
+    for k in range(num_returns):
+        if slots[lane, k] == DROPPED:
+            counters[lane, DROPPED_RETURN] += 1
+
+
+@inline
+def forget_target(mu, P, lane, n, n_t, target_known, pending):
+    """Back to a target not yet seen."""
+    clear_rows(mu, P, lane, n, ROBOT, n_t)
+    target_known[lane] = False
+    pending[lane, 0] = 0.0
+
+
+@inline
+def limit_of(gate, model, is_target):
+    """The NIS above which a return is `UNLIKELY`."""
+    return min(gate, model.reinitialise_nis) if is_target else gate
+
+
+@inline
+def note(outcome, nis, is_target, mu, P, lane, n, n_t, model, target_known, pending, counters):
+    """Count a return that was not used; a target that could not have caused it is forgotten, to start anew."""
+    if outcome == UNUSABLE:
+        counters[lane, NOT_POSITIVE] += 1
+    elif outcome == UNLIKELY:
+        if is_target and nis > model.reinitialise_nis:
+            counters[lane, REINITIALISED] += 1
+            forget_target(mu, P, lane, n, n_t, target_known, pending)
+        else:
+            counters[lane, GATE_REJECTED] += 1
