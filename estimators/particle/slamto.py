@@ -52,11 +52,12 @@ class SLAMTO(Estimator):
     `constant-velocity` target starts at rest with `TargetModel.initial_speed_std`. After a long absence the update is
     iterated.
 
-    What to expect, and what not: with 200 particles it reaches the errors of the paper. It is overconfident over long
-    runs: resampling copies histories, after some thousand steps all particles share one past, and the map's
-    uncertainty along that past is lost. Errors stay bounded there, but the share of NEES inside its 95 % bounds falls
-    from 80 % to 15 % over 3,200 steps. More particles delay this and do not cure it; for consistent covariances use a
-    joint Gaussian filter.
+    What to expect, and what not: with 200 particles it reaches the errors that the paper reports (robot 0.040 m,
+    target 0.068 m over 400 runs of its experiment 1). Its covariances are too small, and over long runs far too
+    small: resampling copies histories, after some thousand steps all particles share one past, and the map's
+    uncertainty along that past is lost. In the same world driven on for 3,200 steps the robot's error stays bounded
+    (0.05 m), but the share of its NEES inside the 95 % bounds falls from 63 % (first 320 steps) to 15 % by step
+    1,500; with 1,000 particles from 78 % to 17 %. For consistent covariances use a joint Gaussian filter.
 
     Args:
         particles: their number, at least 2.
