@@ -23,7 +23,7 @@ class Episode:
 
     Args:
         scenario: the world.
-        estimators: "ekf", "slamto:num_particles=500" or (name, options); the policy acts on the belief of the first.
+        estimators: "ekf", "slamto:particles=500" or (name, options); the policy acts on the belief of the first.
         policy: "pursuit", "pursuit:stand_off=2" or (name, options); None: the scenario's own.
         seed: of world, estimators and policy.
 

@@ -72,7 +72,7 @@ def compare(
 
     Args:
         scenarios: names, paths or `Scenario`s.
-        estimators: names ("ekf"), with options ("slamto:num_particles=500") or as pairs (name, options); None: the
+        estimators: names ("ekf"), with options ("slamto:particles=500") or as pairs (name, options); None: the
             scenario's own list. The first is what the others are compared with.
         policies: likewise; None: the scenario's own.
         runs: worlds per scenario and policy, numbered from 0; world i is the same for everybody.

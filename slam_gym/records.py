@@ -38,7 +38,7 @@ class Records:
         seed: [R] of its world.
         steps: [R] how many simulation steps it lasted.
         values: [R, T, F] what `METRIC` holds after each step, fields in its order.
-        age: [R, T] seconds since the target's last return (infinite before the first).
+        age: [R, T] seconds since the target's last return (before the first: since the start).
         time: [T] seconds since the start, at the end of each step.
         collisions: [R] counted contacts with pillars.
         counts: the estimator's own counters at the end, [R] each.

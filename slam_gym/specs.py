@@ -1,4 +1,4 @@
-"""Names with options as people type them: `slamto:num_particles=500`, `sensor.max_range=5`."""
+"""Names with options as people type them: `slamto:particles=500`, `sensor.max_range=5`."""
 
 import json
 from collections.abc import Iterable, Mapping
@@ -66,7 +66,7 @@ def parse_value(text: str) -> Any:
 
 
 def parse_options(text: str, chosen: Iterable[str] | None = None) -> dict[str, dict[str, Any]]:
-    """A JSON object that gives options by name: {"slamto": {"num_particles": 500}}.
+    """A JSON object that gives options by name: {"slamto": {"particles": 500}}.
 
     Raises:
         ValueError: not such an object, or a name that is not among the chosen (None: the known ones).

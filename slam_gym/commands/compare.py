@@ -24,7 +24,7 @@ class Compare:
       slam-gym compare
           the default scenario under pursuit, every estimator
 
-      slam-gym compare --scenarios slamto --estimators slamto:num_particles=500 slamto ekf --runs 400
+      slam-gym compare --scenarios slamto --estimators slamto:particles=500 slamto ekf --runs 400
           options follow a colon; the first estimator is what the others are compared with
 
       slam-gym compare --scenarios open evasive --policies pursuit random --mode closed-loop
@@ -56,7 +56,7 @@ class Compare:
     set: tuple[str, ...] = ()
     """Scenario settings, key=value, such as sensor.max_range=5 (`slam-gym list default` shows the keys)."""
     estimator_options: str = ""
-    """Options by estimator as JSON, such as '{"slamto": {"num_particles": 500}}'."""
+    """Options by estimator as JSON, such as '{"slamto": {"particles": 500}}'."""
     noise_inflation: float | None = None
     """Factor on the measurement covariance that the filters assume, for errors correlated in time."""
     steps: int | None = None

@@ -32,7 +32,7 @@ class Run:
     scenario: Annotated[str, tyro.conf.Positional] = "default"
     """Name of a scenario (`slam-gym list scenarios`) or path of a TOML file."""
     estimators: tuple[str, ...] = ("ekf",)
-    """Estimators (`slam-gym list estimators`), options as slamto:num_particles=500; the policy acts on the first."""
+    """Estimators (`slam-gym list estimators`), options as slamto:particles=500; the policy acts on the first."""
     policy: str | None = None
     """A policy (`slam-gym list policies`), with options as pursuit:stand_off=2; default: the scenario's own."""
     set: tuple[str, ...] = ()

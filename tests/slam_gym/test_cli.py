@@ -79,8 +79,8 @@ def test_ctrl_c_ends_quietly(monkeypatch, capsys):
 
 def test_names_take_options_after_a_colon():
     assert Spec.parse("ekf") == Spec("ekf", "ekf")
-    spec = Spec.parse("slamto:num_particles=500,resample=0.5,proposal=prior")
-    assert (spec.name, spec.options) == ("slamto", {"num_particles": 500, "resample": 0.5, "proposal": "prior"})
+    spec = Spec.parse("slamto:particles=500,resample=0.5,proposal=prior")
+    assert (spec.name, spec.options) == ("slamto", {"particles": 500, "resample": 0.5, "proposal": "prior"})
     assert Spec.parse(("ekf", {"gate": 9})).label == "ekf:gate=9"
     assert Spec.parse(spec) is spec
 

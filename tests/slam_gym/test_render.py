@@ -8,7 +8,7 @@ from estimators.interface import TARGET
 from slam_gym.render import Frame, History, Layers, Renderer
 from slam_gym.render_canvas import Camera, ellipse_points, font, text
 from slam_gym.render_map import view_outline
-from slam_gym.render_panel import number, rows
+from slam_gym.render_panel import UNDEFINED, number, rows
 
 LANDMARKS = np.array([[-6.0, -6.0], [6.0, -5.0], [3.0, 0.5], [-5.0, 5.0]])
 
@@ -21,8 +21,8 @@ def make_frame(step=0, **changes):
         "time": 0.1 * step, "step": step, "scenario": "default", "estimator": "ekf", "walls": True, "pose": pose,
         "target": target, "landmarks": LANDMARKS, "landmark_radius": np.full(4, 0.5), "opaque": True,
         "field_of_view": 2.1, "returns": np.array([[5.1, 0.1], [2.0, -0.6], [3.0, 0.7]]),
-        "sources": np.array([TARGET, -1, 2]), "time_since_seen": 0.0, "belief_pose": pose + [0.3, -0.2, 0.1],
-        "belief_pose_cov": np.diag([0.2, 0.05, 0.01]), "belief_target": target[:2] + [0.2, -0.4],
+        "sources": np.array([TARGET, -1, 2]), "time_since_seen": 0.0, "belief_pose": pose + np.array([0.3, -0.2, 0.1]),
+        "belief_pose_cov": np.diag([0.2, 0.05, 0.01]), "belief_target": target[:2] + np.array([0.2, -0.4]),
         "belief_target_cov": np.array([[0.3, 0.1], [0.1, 0.2]]), "belief_landmarks": LANDMARKS[:2] + 0.3,
         "belief_landmark_cov": np.tile(0.1 * np.eye(2), (2, 1, 1)),
         "particles": pose + np.random.default_rng(0).normal(0, 0.8, (40, 3)), "robot_error": 0.36,
@@ -217,7 +217,7 @@ def test_the_panel_says_what_is_known_of_the_target():
 
 def test_numbers_are_short():
     assert number(1.234, "m") == "1.23 m"
-    assert number(math.nan, "m") == "–"
+    assert number(math.nan, "m") == UNDEFINED
     assert number(math.inf, "") == "> 10⁴"
 
 

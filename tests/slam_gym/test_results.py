@@ -207,4 +207,4 @@ def test_an_unwritable_place_is_one_clear_error(tmp_path):
 def test_json_is_strict_and_names_are_safe(tmp_path):
     write_json(tmp_path / "a.json", {"a": np.float64(np.nan), "b": (1, np.bool_(True)), "c": tmp_path})
     assert json.loads((tmp_path / "a.json").read_text()) == {"a": "nan", "b": [1, True], "c": str(tmp_path)}
-    assert file_stem("compare", "slamto:num_particles=200", "a/b") == "compare-slamto-num_particles=200-a-b"
+    assert file_stem("compare", "slamto:particles=200", "a/b") == "compare-slamto-particles=200-a-b"
