@@ -2,12 +2,13 @@
 
 import numpy as np
 
-from estimators.gaussian.ekf import associate, observe, predict
-from estimators.gaussian.growth import GATE_REJECTED, NOT_POSITIVE, REINITIALISED, forget_target, start_target
+from estimators.gaussian.ekf import observe, predict
+from estimators.gaussian.growth import start_target
 from estimators.gaussian.layout import GaussianEstimator
+from estimators.gaussian.sweep import associate, limit_of, note
 from estimators.interface import Floats, Ints, Scan
 from estimators.kernels.angles import wrap
-from estimators.kernels.association import NEAREST, TARGET_SLOT
+from estimators.kernels.association import TARGET_SLOT
 from estimators.kernels.gaussian import ROBOT, rows_in_use
 from estimators.kernels.jit import inline, jit
 from estimators.kernels.range_bearing import noise_std, offset, offset_noise
@@ -59,22 +60,15 @@ def update(
             lane, mu, P, model, n_t, count, ids, target_known, counters, ranges, bearings, labels, num_returns[lane],
             code, gates, cost, slots,
         )  # fmt: skip
-        gate = gates[1] if code == NEAREST else gates[0]
         keep_pose(mu, P, lane, kept)
         for k in range(num_returns[lane]):
             if slots[lane, k] != TARGET_SLOT:
                 continue
             if target_known[lane]:
-                limit = min(gate, model.reinitialise_nis)
-                outcome = observe(mu, P, W, lane, n, ROBOT, model, ranges[lane, k], bearings[lane, k], limit)
+                limit = limit_of(gates[0], model, True)
+                outcome, nis = observe(mu, P, W, lane, n, ROBOT, model, ranges[lane, k], bearings[lane, k], limit)
                 put_pose_back(mu, P, lane, kept)
-                if outcome == 1:
-                    counters[lane, NOT_POSITIVE] += 1
-                elif outcome == 2 and model.reinitialise_nis <= gate:
-                    forget_target(mu, P, lane, n, n_t, target_known, pending)
-                    counters[lane, REINITIALISED] += 1
-                elif outcome == 2:
-                    counters[lane, GATE_REJECTED] += 1
+                note(outcome, nis, True, mu, P, lane, n, n_t, model, target_known, pending, counters)
             if not target_known[lane]:
                 distance, bearing = ranges[lane, k], bearings[lane, k]
                 meet_target(mu, P, lane, n, model, target_known, pending, distance, bearing, last_dt[lane])

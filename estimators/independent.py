@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from estimators.dead_reckoning import DeadReckoning
-from estimators.gaussian.ekf import associate
+from estimators.gaussian.sweep import associate
 from estimators.interface import TARGET, Belief, Estimator, Floats, Ints, Scan, TruthAware
 from estimators.kernels.association import TARGET_SLOT
 from estimators.kernels.gaussian import ROBOT

@@ -35,13 +35,28 @@ def carry(kind, model, a, b, dt, heading):
 
 
 @inline
-def differences(kind, model, a, b, da, db, dt, heading, turned, base, D1, D2, column):
-    """D1 and D2 of a displacement for one column: heading off by `turned`, inputs off by (da, db)."""
-    up = carry(kind, model, a + da, b + db, dt, heading + turned)
-    down = carry(kind, model, a - da, b - db, dt, heading - turned)
+def input_differences(kind, model, a, b, da, db, dt, heading, base, D1, D2, column):
+    """D1 and D2 of a displacement for one column: inputs off by (da, db)."""
+    up = carry(kind, model, a + da, b + db, dt, heading)
+    down = carry(kind, model, a - da, b - db, dt, heading)
     for i in range(3):
         D1[i, column] = 0.5 * (up[i] - down[i])
         D2[i, column] = 0.5 * (up[i] + down[i] - 2.0 * base[i])
+
+
+@inline
+def turn_differences(turned, base, D1, D2, column):
+    """The same for a heading off by +-`turned`: the displacement d turns rigidly with it.
+
+    Half the difference of the two is sin(turned) J d, half their sum less d is (cos(turned) - 1) d.
+    """
+    s, c = math.sin(0.5 * turned), math.cos(0.5 * turned)
+    D1[0, column] = -2.0 * s * c * base[1]
+    D1[1, column] = 2.0 * s * c * base[0]
+    D1[2, column] = 0.0
+    D2[0, column] = -2.0 * s * s * base[0]
+    D2[1, column] = -2.0 * s * s * base[1]
+    D2[2, column] = 0.0
 
 
 @inline
@@ -61,9 +76,9 @@ def spread_displacement(P, lane, j, kind, model, a, b, std_a, std_b, dt, heading
     semidefinite_cholesky(C, 3)
     base = carry(kind, model, a, b, dt, heading)
     for p in range(3):
-        differences(kind, model, a, b, 0.0, 0.0, dt, heading, h * C[2, p], base, D1, D2, p)
-    differences(kind, model, a, b, h * std_a, 0.0, dt, heading, 0.0, base, D1, D2, 3)
-    differences(kind, model, a, b, 0.0, h * std_b, dt, heading, 0.0, base, D1, D2, 4)
+        turn_differences(h * C[2, p], base, D1, D2, p)
+    input_differences(kind, model, a, b, h * std_a, 0.0, dt, heading, base, D1, D2, 3)
+    input_differences(kind, model, a, b, 0.0, h * std_b, dt, heading, base, D1, D2, 4)
     for i in range(2):
         solve_transposed(C, 3, D1, i, E)
         for p in range(3):
