@@ -152,7 +152,7 @@ def trajectories(tracks: pd.DataFrame, landmarks: pd.DataFrame, *, run: int | No
         axis.set_title(name, fontsize=10)
     if names:
         handles, labels = axes[0, 0].get_legend_handles_labels()
-        figure.legend(handles, labels, loc="outside upper center", ncols=4, frameon=False, fontsize=9)
+        figure.legend(handles, labels, loc="outside upper center", ncols=min(4, 2 * columns), frameon=False, fontsize=9)
     return figure
 
 

@@ -13,13 +13,14 @@ from importlib.metadata import entry_points
 from typing import Any, ClassVar, Self
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from estimators.interface import Belief
 from estimators.models import MotionModel, SensorModel, TargetModel
 from estimators.registry import unknown_name
 from slam_gym.actions import ActionMap
 from slam_gym.scenario import Scenario
+from slam_gym.scenario_fields import middle
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -70,21 +71,16 @@ class PolicyContext:
             motion=motion,
             sensor=sensor,
             target=target,
-            step_dt=_middle(scenario.dt),
-            hold=int(_middle(scenario.hold)),
-            speed_min=_middle(robot.speed_min),
-            speed_max=_middle(robot.speed_max),
-            turn_max=_middle(robot.turn_max),
-            steering_max=_middle(robot.steering_max),
-            steering_rate=_middle(robot.steering_rate),
-            arena=(float(scenario.arena.size[0]), float(scenario.arena.size[1])),
-            start=(_middle(robot.start[0]), _middle(robot.start[1]), _middle(robot.start[2])),
+            step_dt=scenario.dt,
+            hold=scenario.hold,
+            speed_min=middle(robot.speed_min),
+            speed_max=middle(robot.speed_max),
+            turn_max=middle(robot.turn_max),
+            steering_max=middle(robot.steering_max),
+            steering_rate=middle(robot.steering_rate),
+            arena=scenario.arena.size,
+            start=(middle(robot.start[0]), middle(robot.start[1]), middle(robot.start[2])),
         )
-
-
-def _middle(value: ArrayLike) -> float:
-    """A number, or the middle of a range [low, high]."""
-    return float(np.mean(value))
 
 
 class Policy(ABC):
@@ -167,7 +163,7 @@ def get(name: str) -> type[Policy]:
         return _registered[name]
     for point in entry_points(group=ENTRY_POINT_GROUP):
         if point.name == name:
-            return point.load()  # type: ignore[no-any-return]
+            return point.load()
     raise ValueError(unknown_name("policy", name, names()))
 
 

@@ -14,7 +14,6 @@ from pathlib import Path
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.stats import chi2
 
 os.environ.setdefault("PYGAME_HIDE_SUPPORT_PROMPT", "1")
 import pygame
@@ -23,7 +22,7 @@ Floats = NDArray[np.float64]
 Colour = tuple[int, int, int]
 
 OVERSAMPLING = 2
-ELLIPSE_SCALE = math.sqrt(chi2.ppf(0.95, 2))  # standard deviations of the 95 % ellipse in the plane
+ELLIPSE_SCALE = math.sqrt(-2.0 * math.log(1.0 - 0.95))  # standard deviations of the plane's 95 % ellipse
 _CIRCLE = np.linspace(0.0, 2.0 * math.pi, 48, endpoint=False)
 LARGEST_COORDINATE = 1e4  # [px], beyond which pygame's drawing is slow or overflows
 

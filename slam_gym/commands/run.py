@@ -88,8 +88,10 @@ class Run:
         while not episode.finished:
             episode.step()
             if renderer is not None and (episode.step_count % every == 0 or episode.finished):
-                picture = renderer.draw(Frame.from_simulation(episode.simulation, label=episode.names[0]))
-                if video is not None and picture is not None:
+                frame = Frame.from_simulation(episode.simulation, label=episode.names[0])
+                if video is None and not episode.finished:
+                    renderer.history.record(frame)  # only the last picture is wanted
+                elif (picture := renderer.draw(frame)) is not None and video is not None:
                     video.write(picture)
             yield
 
