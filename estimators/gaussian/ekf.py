@@ -98,8 +98,8 @@ def observe(mu, P, W, lane, n, j, model, distance, bearing, limit):
 
 @inline
 def update_one(
-    lane, mu, P, model, n_t, count, ids, first, next_id, target_known, pending, counters, last_dt, ranges, bearings, labels,
-    num_returns, code, gates, slots, cost, work,
+    lane, mu, P, model, n_t, count, ids, first, next_id, target_known, pending, counters, last_dt, ranges, bearings,
+    labels, num_returns, code, gates, slots, cost, work,
 ):  # fmt: skip
     """One lane's sweep: what is in the state first, one return after the other, then what is new."""
     associate(
@@ -180,6 +180,6 @@ class EKF(GaussianEstimator):
     def _update(self, scan: Scan, lanes: Ints) -> None:
         update(
             self.mu, self.P, self.models, self.n_t, self.count, self.ids, self.first, self.next_id, self.target_known,
-            self.pending, self.counters, self.last_dt, scan.ranges, scan.bearings, scan.labels, scan.count, self.association_code,
-            self.gates, self.slots, self.cost, self.work, lanes,
+            self.pending, self.counters, self.last_dt, scan.ranges, scan.bearings, scan.labels, scan.count,
+            self.association_code, self.gates, self.slots, self.cost, self.work, lanes,
         )  # fmt: skip

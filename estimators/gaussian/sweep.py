@@ -18,8 +18,8 @@ USED, UNUSABLE, UNLIKELY = 0, 1, 2  # what became of a return
 
 @inline
 def associate(
-    lane, mu, P, model, n_t, count, ids, target_known, counters, ranges, bearings, labels, num_returns, code, gates, cost,
-    slots,
+    lane, mu, P, model, n_t, count, ids, target_known, counters, ranges, bearings, labels, num_returns, code, gates,
+    cost, slots,
 ):  # fmt: skip
     """Fill `slots` for one lane's sweep, before anything is updated. gates: (gate, match_gate, new_gate)."""
     if code == NEAREST:
