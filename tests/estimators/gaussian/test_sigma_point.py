@@ -239,8 +239,9 @@ def test_small_steps_and_small_spread_give_the_ekf(recording):
                 estimator.update(step.scan)
             poses.append((estimator.belief.pose[0].copy(), estimator.belief.pose_cov[0] / scale**2))
         gaps.append((np.abs(poses[0][0] - poses[1][0]).max(), np.abs(poses[0][1] - poses[1][1]).max()))
-    assert gaps[1][0] < 2e-2 * gaps[0][0] + 1e-9 or gaps[1][0] < 1e-6
-    assert gaps[1][1] < 2e-2 * gaps[0][1] + 1e-9
+    assert gaps[0][0] < 1e-6
+    assert gaps[1][0] < 1.1e-2 * gaps[0][0]
+    assert gaps[1][1] < 1.1e-2 * gaps[0][1]
 
 
 @pytest.mark.parametrize("h", [0.0, -1.0, math.nan, math.inf])
