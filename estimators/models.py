@@ -127,13 +127,14 @@ class TargetModel:
     acceleration_density: float = 0.3  # [m/s per sqrt(s)], constant-velocity
     initial_speed_std: float = 1.0  # [m/s] per axis at the first sighting, constant-velocity
     reinitialise_nis: float = math.inf  # NIS (2 dof) of a return above which the target starts anew from it
+    reinitialise_spread: float = math.inf  # position spread per measured range, above which a labelled return does so
 
     def __post_init__(self) -> None:
         _choice("TargetModel.kind", self.kind, _TARGET_KINDS)
         _check(
             self,
             ("speed_std", "turn_std", "acceleration_density"),
-            ("initial_speed_std", "reinitialise_nis"),
+            ("initial_speed_std", "reinitialise_nis", "reinitialise_spread"),
         )
 
     @property

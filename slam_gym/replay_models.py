@@ -88,7 +88,9 @@ def mrclam_models(calibration: tuple[float, float, float] = MRCLAM_CALIBRATION, 
         target: whether there is one.
     """
     scale, turn_scale, bias = calibration
-    tracked = TargetModel(acceleration_density=0.02, initial_speed_std=0.06, reinitialise_nis=20.0)
+    tracked = TargetModel(
+        acceleration_density=0.02, initial_speed_std=0.06, reinitialise_nis=20.0, reinitialise_spread=0.5
+    )
     return ReplayModels(
         motion=MotionModel(
             speed_std=0.0005,  # [m/s per root second]
@@ -109,9 +111,7 @@ def mrclam_models(calibration: tuple[float, float, float] = MRCLAM_CALIBRATION, 
             range_law="quadrature",
             bearing_std=0.014,
         ),
-        target=TargetModel(acceleration_density=0.02, initial_speed_std=0.06, reinitialise_nis=20.0)
-        if target
-        else None,
+        target=tracked if target else None,
         command_delay=MRCLAM_COMMAND_DELAY,
     )
 

@@ -198,7 +198,7 @@ def _shared_options(cls: type[Estimator], gate: float, association: str) -> dict
     Particles judge a return by a single path's small covariances: once they have collapsed, a gate turns away the true
     returns that would weigh them (MRCLAM set 7, robot 5: 1.3 m with it, 0.3 m without).
     """
-    known = inspect.signature(cls.__init__).parameters
+    known = {name for base in cls.__mro__ for name in inspect.signature(base.__init__).parameters}
     offered: dict[str, Any] = {"association": association}
     if "particles" not in known:
         offered |= {"gate": gate, "slam_options": {"gate": gate}}

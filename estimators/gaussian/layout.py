@@ -18,6 +18,7 @@ from numpy.typing import ArrayLike
 
 from estimators.gaussian.belief import fill_core, fill_map
 from estimators.gaussian.sweep import COUNTERS
+from estimators.gaussian.vague_target import forget_vague
 from estimators.interface import Belief, Estimator, Floats, Ints, Scan
 from estimators.kernels.association import KNOWN, NEAREST
 from estimators.kernels.gaussian import BLOCK, ROBOT
@@ -90,6 +91,7 @@ class GaussianEstimator(Estimator):
         self.cost: Floats = np.zeros((0, M + 1))  # scratch
         self._dt: Floats = np.zeros(L)
         self._control_shape = (L, 2)
+        self._note_models()
         self._core = tuple(self.belief.buffers[name] for name in Belief._CORE)
         self._map = tuple(self.belief.buffers[name] for name in Belief._MAP)
 
@@ -130,6 +132,15 @@ class GaussianEstimator(Estimator):
         self._after_reset(chosen)
         self.belief.mark_stale()
 
+    def set_models(self, lane: int, motion: MotionModel, sensor: SensorModel, target: TargetModel | None) -> None:
+        """See `Estimator.set_models`."""
+        super().set_models(lane, motion, sensor, target)
+        self._note_models()
+
+    def _note_models(self) -> None:
+        """What a call would otherwise ask of the models each time."""
+        self._may_be_vague = self.n_t > 0 and bool(np.isfinite(self.models["reinitialise_spread"]).any())
+
     def _after_reset(self, lanes: Ints) -> None:
         """A filter's own state, after the common part was reset."""
 
@@ -150,6 +161,11 @@ class GaussianEstimator(Estimator):
         """See `Estimator.update`."""
         self.make_room(scan.ranges.shape[1])
         chosen = self.all_lanes if lanes is None else lanes
+        if self._may_be_vague:
+            forget_vague(
+                self.mu, self.P, self.models, self.n_t, self.count, self.target_known, self.pending, self.counters,
+                scan.ranges, scan.labels, scan.count, chosen,
+            )  # fmt: skip
         self._update(scan, chosen)
         if self.budget is not None:
             self.budget.after_update(scan, chosen)
