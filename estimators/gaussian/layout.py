@@ -222,4 +222,5 @@ class GaussianEstimator(Estimator):
             getattr(self, name)[...] = state[name]
         if self.budget is not None:
             self.budget.set_state(state["budget"])
+        self._note_models()
         self.belief.mark_stale()
