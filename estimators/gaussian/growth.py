@@ -105,6 +105,38 @@ def _start_from_chord(
     pending[lane, 0] = 0.0
 
 
+@inline
+def admits(slot, label, lane, count, ids, target_known, counters):
+    """Whether a return with this slot enters the state: a new landmark with room, or a target not yet known."""
+    if slot == TARGET_SLOT:
+        return not target_known[lane]
+    if slot != NEW:
+        return False
+    if slot_of(ids, lane, count[lane], label) != NEW:
+        counters[lane, DROPPED_RETURN] += 1  # seen twice in its first sweep
+        return False
+    if count[lane] == ids.shape[1]:
+        counters[lane, OVERFLOW] += 1
+        return False
+    return True
+
+
+@jit
+def enter(
+    mu, P, lane, model, n_t, count, ids, first, next_id, target_known, pending, slot, label, dx, dy, g0, g1, n00, n01,
+    n11, anchor_x, anchor_y, dt,
+):  # fmt: skip
+    """Take an admitted return into the state; the slot it then has. Arguments as in `start_target`."""
+    if slot == TARGET_SLOT:
+        n = rows_in_use(n_t, count[lane])
+        start_target(
+            mu, P, lane, n, model, target_known, pending, dx, dy, g0, g1, n00, n01, n11, anchor_x, anchor_y, dt
+        )
+        return slot
+    next_id[lane] += 1
+    return add_landmark(mu, P, lane, n_t, count, ids, first, label, dx, dy, g0, g1, n00, n01, n11)
+
+
 @jit
 def grow(
     lane, mu, P, model, n_t, count, ids, first, next_id, target_known, pending, counters, ranges, bearings, labels,
@@ -118,27 +150,14 @@ def grow(
         anchor_x: with anchor_y, see `start_target`.
     """
     for k in range(num_returns):
-        slot = slots[lane, k]
-        starts_target = slot == TARGET_SLOT and not target_known[lane]
-        if slot != NEW and not starts_target:
-            continue
         label = next_id[lane] if nearest else labels[lane, k]
-        if slot == NEW:
-            if slot_of(ids, lane, count[lane], label) != NEW:
-                counters[lane, DROPPED_RETURN] += 1  # seen twice in its first sweep
-                continue
-            if count[lane] == ids.shape[1]:
-                counters[lane, OVERFLOW] += 1
-                continue
+        if not admits(slots[lane, k], label, lane, count, ids, target_known, counters):
+            continue
         dx, dy = offset(ranges[lane, k], bearings[lane, k], mu[lane, 2])
         range_std, bearing_std = noise_std(model, ranges[lane, k])
         n00, n01, n11 = offset_noise(dx, dy, range_std, bearing_std)
         g0, g1 = linear_y - mu[lane, 1] - dy, mu[lane, 0] + dx - linear_x
-        if starts_target:
-            n = rows_in_use(n_t, count[lane])
-            start_target(
-                mu, P, lane, n, model, target_known, pending, dx, dy, g0, g1, n00, n01, n11, anchor_x, anchor_y, dt
-            )
-        else:
-            slots[lane, k] = add_landmark(mu, P, lane, n_t, count, ids, first, label, dx, dy, g0, g1, n00, n01, n11)
-            next_id[lane] += 1
+        slots[lane, k] = enter(
+            mu, P, lane, model, n_t, count, ids, first, next_id, target_known, pending, slots[lane, k], label, dx, dy,
+            g0, g1, n00, n01, n11, anchor_x, anchor_y, dt,
+        )  # fmt: skip
