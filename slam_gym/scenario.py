@@ -26,7 +26,8 @@ class Arena:
 
     width: Number = number(20.0, above=0.0)  # [m], along x
     height: Number = number(20.0, above=0.0)  # [m], along y
-    walls: bool = True  # whether the target stays inside; the robot may leave
+    walls: bool = True  # whether the target stays inside
+    holds_robot: bool = False  # whether the robot does
 
     @property
     def size(self) -> tuple[float, float]:
@@ -68,6 +69,7 @@ class Robot:
     start_heading: Number = number(0.0)  # [rad]
     start_position_std: Number = number(0.0, 0.0)  # [m] per axis, of the true start about the one the filter is told
     start_heading_std: Number = number(0.0, 0.0)  # [rad]
+    start_noise: str = choice("gaussian", ("gaussian", "one-sigma"))  # one-sigma: Eqs. (38)-(39), Tian et al. 2010
 
     @property
     def start(self) -> tuple[Number, Number, Number]:
@@ -271,14 +273,9 @@ class Scenario:
         )  # fmt: skip
         return max(1, count if self.landmarks.labelled else 2 * count + 5)
 
-    def models(self, pick: float = 0.5) -> tuple[MotionModel, SensorModel, TargetModel | None]:
-        """What the filters believe. pick: where in each range, 0 its low end, 1 its high end."""
-
-        def at(value: Number) -> float:
-            low, high = low_high(value)
-            return low if low == high else low + pick * (high - low)
-
-        return build_models(self, at)
+    def models(self) -> tuple[MotionModel, SensorModel, TargetModel | None]:
+        """What the filters believe; the middle of a number that is drawn anew each episode."""
+        return build_models(self, middle)
 
 
 def build_models(scenario: Scenario, at: Any) -> tuple[MotionModel, SensorModel, TargetModel | None]:

@@ -18,19 +18,16 @@ from estimators.models import MotionModel, SensorModel, TargetModel
 from slam_gym.scenario import Scenario, build_models
 from slam_gym.scenario_fields import low_high
 from slam_gym.scenario_io import read_columns
-from slam_gym.world_layout import place_bodies, place_landmarks
-from slam_gym.world_motion import MEMORY, VELOCITY_X, VELOCITY_Y, move
-from slam_gym.world_numbers import NUMBERS, Ranges, fixed_record
-from slam_gym.world_sensor import sense
+from slam_gym.world_layout import begin
+from slam_gym.world_numbers import ONE_SIGMA, Ranges, model_numbers
+from slam_gym.world_state import Blocks
+from slam_gym.world_step import step
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
+Bools = NDArray[np.bool_]
 
-_STATE = (
-    "numbers", "key", "episode", "step_count", "pose", "body", "target", "target_heading", "memory", "delayed",
-    "errors", "landmarks", "landmark_radius", "landmark_count", "odometry", "start_pose", "due",
-    "target_visible", "target_detected", "time_since_seen", "collisions", "in_collision", "origin",
-)  # fmt: skip
+CLUTTER_ROOM = 6.0  # standard deviations of the number of false returns that a sweep has room for
 
 
 class World:
@@ -51,9 +48,31 @@ class World:
         target_visible: [L] within range, view and line of sight; target_detected [L] whether the last step has a
             return of it; time_since_seen [L] [s] since the last return (since the start before the first).
         collisions: [L] how often the robot ran into a pillar; in_collision [L] whether it touches one.
+        overflow: [L] returns that found no room in a sweep.
         step_count: [L] simulation steps of this episode. start_pose [L, 3], start_cov [L, 3, 3]: the filter's prior.
-        numbers: [L] of `WORLD`, this episode's.
+        numbers: [L] of `WORLD`, this episode's. key, episode: [L] that name its random draws.
+        models_vary: whether `lane_models` differ between lanes or episodes.
     """
+
+    key: NDArray[np.uint64]
+    episode: Ints
+    step_count: Ints
+    pose: Floats
+    start_pose: Floats
+    target: Floats
+    target_heading: Floats
+    target_visible: Bools
+    target_detected: Bools
+    time_since_seen: Floats
+    landmarks: Floats
+    landmark_radius: Floats
+    landmark_count: Ints
+    odometry: Floats
+    origin: Ints
+    due: Bools
+    collisions: Ints
+    in_collision: Bools
+    overflow: Ints
 
     def __init__(self, scenario: Scenario, num_lanes: int = 1, threads: int = 1) -> None:
         if num_lanes < 1 or threads < 1:
@@ -65,50 +84,26 @@ class World:
         self._path = _path(scenario)
         self._ranges = Ranges(scenario)
         self._models = scenario.models()
-        self.models_vary = scenario.models(0.0) != scenario.models(1.0)
+        self._model_numbers = [
+            (name, f"{section}.{field}", isinstance(getattr(getattr(scenario, section), field), tuple))
+            for name, section, field in model_numbers(scenario)
+        ]
+        self.models_vary = any(ranged for _, _, ranged in self._model_numbers)
         self._allocate()
 
     def _allocate(self) -> None:
-        scenario, L = self.scenario, self.num_lanes
-        laid_out = len(self._points) if scenario.landmarks.layout == "file" else int(
-            low_high(scenario.landmarks.count)[1]
-        )  # fmt: skip
-        N = max(1, laid_out)
-        clutter = low_high(scenario.sensor.clutter_rate)[1]
-        K = N + 1 + (math.ceil(clutter + 6.0 * math.sqrt(clutter) + 3.0) if clutter > 0 else 0)
-        D = 1 + round(low_high(scenario.robot.command_delay)[1] / self.dt)
-        self.numbers: NDArray[np.void] = np.repeat(fixed_record(scenario)[None], L)
-        self._fixed = fixed_record(scenario)
-        self._values: Floats = self.numbers.view(np.float64).reshape(L, -1)
-        self.key = np.zeros(L, dtype=np.uint64)
-        self.episode, self.step_count = np.zeros(L, dtype=np.int64), np.zeros(L, dtype=np.int64)
-        self.pose, self.start_pose, self.body = np.zeros((L, 3)), np.zeros((L, 3)), np.zeros((L, 3))
-        self.start_cov = np.zeros((L, 3, 3))
-        self.target_heading = np.zeros(L)
-        self.target, self.memory = np.zeros((L, 4)), np.zeros((L, MEMORY))
-        self.delayed, self.errors = np.zeros((L, D, 2)), np.zeros((L, N + 1, 2))
-        self.landmarks, self.landmark_radius = np.zeros((L, N, 2)), np.zeros((L, N))
-        self.landmark_count, self.odometry = np.zeros(L, dtype=np.int64), np.zeros((L, 2))
-        self.scan = Scan.empty(L, K)
-        self.origin = np.full((L, K), -1, dtype=np.int64)
-        self.due, self.target_visible, self.target_detected = (np.zeros(L, dtype=np.bool_) for _ in range(3))
-        self.time_since_seen = np.zeros(L)
-        self.collisions, self.in_collision = np.zeros(L, dtype=np.int64), np.zeros(L, dtype=np.bool_)
-        self.lanes = np.arange(L)
-        self._bind()
-
-    def _bind(self) -> None:
-        """Argument lists of the kernels, gathered once: a step costs two calls and no look-ups."""
-        self._move_args = (
-            self.delayed, self.odometry, self.pose, self.body, self.target, self.memory, self._path, self.landmarks,
-            self.landmark_radius, self.landmark_count, self.collisions, self.in_collision, self.target_heading,
-        )  # fmt: skip
-        scan = self.scan
-        self._sense_args = (
-            self.numbers, self.key, self.episode, self.step_count, self.pose, self.body, self.landmarks,
-            self.landmark_radius, self.landmark_count, self.errors, scan.ranges, scan.bearings, scan.labels, scan.count,
-            self.origin, self.due, self.target_visible, self.target_detected, self.time_since_seen,
-        )  # fmt: skip
+        L = self.num_lanes
+        self._sizes = _sizes(self.scenario, len(self._points))
+        self.lanes: Ints = np.arange(L)
+        self.numbers: NDArray[np.void] = np.repeat(self._ranges.record[None], L)
+        self._blocks = Blocks(L, *self._sizes)
+        views = dict(self._blocks.views)
+        scan = [views.pop(name) for name in ("ranges", "bearings", "labels", "count")]
+        self.scan = Scan(*scan, np.ones(L, dtype=np.bool_))
+        for name, view in views.items():
+            setattr(self, name, view)
+        self.start_cov: Floats = np.zeros((L, 3, 3))
+        self._arguments = (self.numbers, self._blocks.floats, self._blocks.integers, self._blocks.flags)
         self._pool: ThreadPoolExecutor | None = None
 
     def reset(self, seeds: ArrayLike, lanes: Ints | None = None, options: Mapping[str, Any] | None = None) -> None:
@@ -139,56 +134,43 @@ class World:
 
     def _begin(self, lanes: Ints, options: Mapping[str, Any] | None) -> None:
         ranges = Ranges(self.scenario, options) if options else self._ranges
-        self.numbers[lanes] = self._fixed
-        ranges.draw(self._values, lanes, self.key, self.episode)
-        started: tuple[NDArray[Any], ...] = (
-            self.step_count, self.memory, self.delayed, self.errors, self.odometry, self.collisions,
-            self.time_since_seen, self.in_collision, self.target_detected, self.due, self.scan.count,
-        )  # fmt: skip
-        for state in started:
-            state[lanes] = 0
-        place_landmarks(
-            lanes, self.numbers, self.key, self.episode, self._points, self.landmarks, self.landmark_radius,
-            self.landmark_count,
-        )  # fmt: skip
-        place_bodies(
-            lanes, self.numbers, self.key, self.episode, self.landmarks, self.landmark_radius, self.landmark_count,
-            self._path, self.pose, self.start_pose, self.body,
-        )  # fmt: skip
-        self._start_beliefs(lanes)
+        if options and np.any(np.greater(_sizes(ranges.scenario, len(self._points)), self._sizes)):
+            raise ValueError(
+                "reset options cannot raise landmarks.count, sensor.clutter_rate or robot.command_delay above the "
+                "scenario's largest: arrays are sized for those; set them in the scenario"
+            )
+        kept = self._blocks.views.keys() - {"key", "episode"}
+        for name in kept:
+            self._blocks.views[name][lanes] = 0
+        ranges.draw(self.numbers, lanes, self.key, self.episode)
+        begin(lanes, *self._arguments, self._points, self._path)
+        self._start_cov(lanes)
 
-    def _start_beliefs(self, lanes: Ints) -> None:
+    def _start_cov(self, lanes: Ints) -> None:
+        """The covariance of the start that the filter is told; rank one where the start is one sigma off."""
         numbers = self.numbers[lanes]
-        for axis, name in (
-            (0, "robot_start_position_std"),
-            (1, "robot_start_position_std"),
-            (2, "robot_start_heading_std"),
-        ):
-            self.start_cov[lanes, axis, axis] = numbers[name] ** 2
-        speed = numbers["target_speed"] if self.scenario.target.kind != "recorded" else 0.0
-        heading = self.target_heading[lanes] = self.body[lanes, 2]
-        self.target[lanes, :2] = self.body[lanes, :2]
-        self.target[lanes, 2], self.target[lanes, 3] = speed * np.cos(heading), speed * np.sin(heading)
-        self.memory[lanes, VELOCITY_X], self.memory[lanes, VELOCITY_Y] = self.target[lanes, 2], self.target[lanes, 3]
-        self.target_visible[lanes] = False
+        position, heading = numbers["robot_start_position_std"], numbers["robot_start_heading_std"]
+        way = self.start_pose[lanes, 2] + heading
+        one_sigma = np.stack([position * np.cos(way), position * np.sin(way), heading], axis=-1)
+        independent = np.stack([position**2, position**2, heading**2], axis=-1)[:, :, None] * np.eye(3)
+        rank_one = (numbers["robot_start_noise"] == ONE_SIGMA)[:, None, None]
+        self.start_cov[lanes] = np.where(rank_one, one_sigma[:, :, None] * one_sigma[:, None, :], independent)
 
     def step(self, command: Floats, lanes: Ints | None = None) -> None:
         """One simulation step. command: [L, 2] (speed [m/s], turn rate [rad/s] or steering angle [rad])."""
-        lanes = self.lanes if lanes is None else lanes
+        if lanes is None:
+            lanes = self.lanes
         if self.threads > 1 and len(lanes) > 1:
             self._share(command, lanes)
         else:
-            self._step(command, lanes)
-
-    def _step(self, command: Floats, lanes: Ints) -> None:
-        move(lanes, self.numbers, self.key, self.episode, self.step_count, command, *self._move_args)
-        sense(lanes, *self._sense_args)
+            step(lanes, command, *self._arguments, self._path)
 
     def _share(self, command: Floats, lanes: Ints) -> None:
+        """Every thread takes a run of lanes; they touch nothing in common."""
         if self._pool is None:
             self._pool = ThreadPoolExecutor(self.threads, thread_name_prefix="slam-gym-world")
-        parts: Sequence[Ints] = np.array_split(lanes, self.threads)
-        list(self._pool.map(lambda part: self._step(command, part), parts))
+        parts: Sequence[Ints] = np.array_split(lanes, min(self.threads, len(lanes)))
+        list(self._pool.map(lambda part: step(part, command, *self._arguments, self._path), parts))
 
     def target_start(self, lanes: Ints | None = None) -> tuple[Floats, Floats] | None:
         """The filter's prior of the target: mean [n, n_t] and covariance [n, n_t, n_t]; None where it is not told."""
@@ -196,43 +178,46 @@ class World:
         if model is None or not self.scenario.target.known_start:
             return None
         lanes = self.lanes if lanes is None else lanes
-        known = {"x": self.target[lanes, 0], "y": self.target[lanes, 1], "heading": self.body[lanes, 2],
+        known = {"x": self.target[lanes, 0], "y": self.target[lanes, 1], "heading": self.target_heading[lanes],
                  "velocity_x": self.target[lanes, 2], "velocity_y": self.target[lanes, 3]}  # fmt: skip
         mean = np.stack([known[name] for name in model.coordinates], axis=-1)
         return mean, np.zeros((len(lanes), mean.shape[1], mean.shape[1]))
 
     def lane_models(self, lane: int) -> tuple[MotionModel, SensorModel, TargetModel | None]:
-        """What a filter is told of this lane's episode; differs between lanes only where `models_vary`."""
-        if not self.models_vary:
+        """What a filter is told of this lane's episode: the scenario's models with the numbers drawn for it."""
+        row, base = self.numbers[lane], self._ranges.record
+        drawn: dict[str, float] = {}
+        for name, dotted, ranged in self._model_numbers:
+            if ranged or row[name] != base[name]:
+                drawn[dotted] = float(row[name])
+        if not drawn:
             return self._models
-        scenario = self.scenario.load(self.scenario, **self._drawn(lane))
-        return build_models(scenario, lambda value: value)
-
-    def _drawn(self, lane: int) -> dict[str, float]:
-        """This lane's numbers where the scenario has a range."""
-        drawn = {}
-        for name, section, field in NUMBERS:
-            if isinstance(getattr(getattr(self.scenario, section), field), tuple):
-                drawn[f"{section}.{field}"] = float(self.numbers[name][lane])
-        return drawn
+        return build_models(self.scenario.load(self.scenario, **drawn), lambda value: value)
 
     def get_state(self) -> dict[str, Any]:
         """Everything that changes between calls, as copies."""
-        state = {name: getattr(self, name).copy() for name in _STATE}
-        scan = self.scan
-        state["scan"] = [a.copy() for a in (scan.ranges, scan.bearings, scan.labels, scan.count, scan.complete)]
-        state["start_cov"] = self.start_cov.copy()
-        return state
+        blocks = self._blocks
+        return {
+            "floats": blocks.floats.copy(),
+            "integers": blocks.integers.copy(),
+            "flags": blocks.flags.copy(),
+            "numbers": self.numbers.copy(),
+            "start_cov": self.start_cov.copy(),
+        }
 
     def set_state(self, state: Mapping[str, Any]) -> None:
-        """Restore what `get_state` returned, in place."""
-        for name in (*_STATE, "start_cov"):
-            getattr(self, name)[...] = state[name]
-        scan = self.scan
-        for mine, saved in zip(
-            (scan.ranges, scan.bearings, scan.labels, scan.count, scan.complete), state["scan"], strict=True
-        ):
-            mine[...] = saved
+        """Restore what `get_state` returned, in place.
+
+        Raises:
+            ValueError: the state of a world of another size.
+        """
+        blocks = self._blocks
+        mine = {"floats": blocks.floats, "integers": blocks.integers, "flags": blocks.flags, "numbers": self.numbers,
+                "start_cov": self.start_cov}  # fmt: skip
+        if any(array.shape != state[name].shape for name, array in mine.items()):
+            raise ValueError("this state belongs to a world with other numbers of lanes, landmarks or returns")
+        for name, array in mine.items():
+            array[...] = state[name]
 
     def __getstate__(self) -> dict[str, Any]:
         """For pickle: the scenario, sizes and state; buffers are made anew."""
@@ -246,6 +231,16 @@ class World:
     def __setstate__(self, saved: dict[str, Any]) -> None:
         self.__init__(saved["scenario"], saved["num_lanes"], saved["threads"])  # type: ignore[misc]
         self.set_state(saved["state"])
+
+
+def _sizes(scenario: Scenario, rows: int) -> tuple[int, int, int]:
+    """Most landmarks, returns in a sweep, and remembered commands; rows: of the landmark file."""
+    marks = rows if scenario.landmarks.layout == "file" else int(low_high(scenario.landmarks.count)[1])
+    marks = max(1, marks)
+    clutter = low_high(scenario.sensor.clutter_rate)[1]
+    false = math.ceil(clutter + CLUTTER_ROOM * math.sqrt(clutter)) + 3 if clutter > 0.0 else 0
+    commands = 1 + math.floor(low_high(scenario.robot.command_delay)[1] / scenario.dt + 0.5)
+    return marks, marks + 1 + false, commands
 
 
 def _map(scenario: Scenario) -> Floats:

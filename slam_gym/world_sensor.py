@@ -4,138 +4,173 @@ import math
 
 from estimators.interface import TARGET, UNKNOWN
 from estimators.kernels.angles import wrap
-from estimators.kernels.jit import inline, jit
-from estimators.kernels.random import normal4, uniform4
-from slam_gym.world_geometry import hidden, in_view
-from slam_gym.world_numbers import DRAW_CLUTTER, DRAW_DETECTION, DRAW_SENSOR, NONE
+from estimators.kernels.jit import inline
+from estimators.kernels.random import uniform4
+from slam_gym.world_geometry import cos_half_view, hidden, in_view
+from slam_gym.world_numbers import DRAW_CLUTTER, DRAW_SENSOR, NONE, QUADRATURE
+from slam_gym.world_state import (
+    BEARINGS,
+    COUNT,
+    DETECTED,
+    DUE,
+    EPISODE,
+    ERRORS,
+    KEY,
+    LABELS,
+    LANDMARKS,
+    NUM_LANDMARKS,
+    NUM_RETURNS,
+    ORIGIN,
+    OVERFLOW,
+    POSE,
+    RADIUS,
+    RANGES,
+    RETURNS,
+    SINCE_SEEN,
+    STEP,
+    TARGET_STATE,
+    VISIBLE,
+)
 
 FALSE_ALARM = -1  # `origin` of a return that nothing caused
-MISSED = -3  # instead of a label: no return
-QUADRATURE = 1  # position in RANGE_LAWS
 MIN_RETURN = 1e-3  # [m], noise never reports less
-
-
-@jit
-def sense(
-    lanes, numbers, key, episode, step, pose, body, landmarks, radius, count, errors, ranges, bearings, labels, returns,
-    origin, due, visible, detected, since,
-):  # fmt: skip
-    """Take a sweep where one is due, and say whether the target could be seen; see `World` for the shapes.
-
-    errors: [L, N + 1, 2] unit-variance first-order errors of each landmark's and the target's range and bearing.
-    """
-    for n in range(lanes.shape[0]):
-        lane = lanes[n]
-        w = numbers[lane]
-        c, s = math.cos(pose[lane, 2]), math.sin(pose[lane, 2])
-        cos_half = math.cos(min(0.5 * w.sensor_field_of_view, math.pi))
-        visible[lane] = w.target_kind != NONE and _visible(
-            lane, w, c, s, cos_half, body[lane, 0], body[lane, 1], -1, pose, landmarks, radius, count
-        )
-        due[lane] = step[lane] % w.sensor_period == 0
-        detected[lane] = False
-        since[lane] += w.dt
-        if not due[lane]:
-            continue
-        _correlate(lane, w, key, episode, step, count, errors)
-        k = 0
-        for j in range(count[lane]):
-            x, y = landmarks[lane, j, 0], landmarks[lane, j, 1]
-            if not _visible(lane, w, c, s, cos_half, x, y, j, pose, landmarks, radius, count):
-                continue
-            label = _detect(lane, w, key, episode, step, j, count)
-            if label != MISSED:
-                _report(lane, k, j, w, key, episode, step, x, y, pose, errors, ranges, bearings)
-                labels[lane, k] = label if w.landmarks_labelled == 1 else UNKNOWN
-                origin[lane, k] = j
-                k += 1
-        if visible[lane] and _detect(lane, w, key, episode, step, landmarks.shape[1], count) != MISSED:
-            _report(lane, k, landmarks.shape[1], w, key, episode, step, body[lane, 0], body[lane, 1], pose, errors,
-                    ranges, bearings)  # fmt: skip
-            labels[lane, k] = TARGET if w.landmarks_labelled == 1 else UNKNOWN
-            origin[lane, k] = TARGET
-            detected[lane] = True
-            since[lane] = 0.0
-            k += 1
-        if w.sensor_clutter_rate > 0.0:
-            k = _clutter(lane, k, w, key, episode, step, count, ranges, bearings, labels, origin)
-        returns[lane] = k
+TARGET_ITEM = 1 << 20  # item of the target's draws; a landmark's is its index
 
 
 @inline
-def _visible(lane, w, c, s, cos_half, x, y, skip, pose, landmarks, radius, count):
-    """In range, in the field of view, and in line of sight."""
-    dx, dy = x - pose[lane, 0], y - pose[lane, 1]
-    if not in_view(dx, dy, c, s, w.sensor_min_range, w.sensor_max_range, cos_half):
+def sense(lane, w, x, k, b):
+    """Whether the target could be seen now; a sweep, where one is due."""
+    at = k[POSE] + 3 * lane
+    px, py, heading = x[at], x[at + 1], x[at + 2]
+    c, s, cos_half = math.cos(heading), math.sin(heading), cos_half_view(w.sensor_field_of_view)
+    body = k[TARGET_STATE] + 4 * lane
+    visible = w.target_kind != NONE and is_visible(lane, w, px, py, c, s, cos_half, x[body], x[body + 1], -1, x, k)
+    b[k[VISIBLE] + lane] = visible
+    b[k[DETECTED] + lane] = False
+    x[k[SINCE_SEEN] + lane] += w.dt
+    due = k[k[STEP] + lane] % w.sensor_period == 0
+    b[k[DUE] + lane] = due
+    if not due:
+        return
+    if w.sensor_error_time_constant > 0.0:
+        _correlate(lane, w, x, k)
+    first = k[NUM_LANDMARKS] * lane
+    n = 0
+    for j in range(k[k[COUNT] + lane]):
+        mark = k[LANDMARKS] + 2 * (first + j)
+        if is_visible(lane, w, px, py, c, s, cos_half, x[mark], x[mark + 1], j, x, k):
+            n += _report(lane, n, j, j, w, x[mark] - px, x[mark + 1] - py, heading, x, k)
+    if visible:
+        last = k[NUM_LANDMARKS]
+        if _report(lane, n, TARGET_ITEM, last, w, x[body] - px, x[body + 1] - py, heading, x, k) == 1:
+            b[k[DETECTED] + lane] = True
+            x[k[SINCE_SEEN] + lane] = 0.0
+            n += 1
+    k[k[RETURNS] + lane] = n + _clutter(lane, n, w, x, k) if w.sensor_clutter_rate > 0.0 else n
+
+
+@inline
+def is_visible(lane, w, px, py, c, s, cos_half, to_x, to_y, skip, x, k):
+    """In range, in the field of view, and in line of sight from (px, py)."""
+    if not in_view(to_x - px, to_y - py, c, s, w.sensor_min_range, w.sensor_max_range, cos_half):
         return False
     if w.landmarks_opaque == 0:
         return True
-    return not hidden(lane, pose[lane, 0], pose[lane, 1], x, y, skip, landmarks, radius, count)
+    first = k[NUM_LANDMARKS] * lane
+    count = k[k[COUNT] + lane]
+    return not hidden(px, py, to_x, to_y, skip, x, k[LANDMARKS] + 2 * first, k[RADIUS] + first, count)
 
 
 @inline
-def _detect(lane, w, key, episode, step, item, count):
-    """The label that the return of source `item` carries, MISSED where there is none."""
-    if w.sensor_detection_probability >= 1.0 and w.sensor_mislabel_probability == 0.0:
-        return item
-    u0, u1, u2, _ = uniform4(key[lane], episode[lane], step[lane], DRAW_DETECTION, item)
-    if u0 >= w.sensor_detection_probability:
-        return MISSED
-    if u1 < w.sensor_mislabel_probability and item < count[lane]:
-        return int(u2 * count[lane])
+def _draw(lane, item, k):
+    """Four uniforms of one source in this sweep: two for its errors, then detection and label."""
+    return uniform4(k[k[KEY] + lane], k[k[EPISODE] + lane], k[k[STEP] + lane], DRAW_SENSOR, item)
+
+
+@inline
+def _normals(u0, u1):
+    """Two standard normals from two uniforms (Box and Muller)."""
+    r = math.sqrt(-2.0 * math.log(u0))
+    return r * math.cos(2.0 * math.pi * u1), r * math.sin(2.0 * math.pi * u1)
+
+
+@inline
+def _report(lane, n, item, row, w, dx, dy, heading, x, k):
+    """Write the return of a source at (dx, dy) from the sensor as the n-th; 0 where it is missed, else 1.
+
+    row: of the source's time-correlated errors.
+    """
+    u0, u1, u2, u3 = _draw(lane, item, k)
+    if u2 >= w.sensor_detection_probability:
+        return 0
+    if w.sensor_error_time_constant > 0.0:
+        at = k[ERRORS] + 2 * ((k[NUM_LANDMARKS] + 1) * lane + row)
+        n0, n1 = x[at], x[at + 1]
+    else:
+        n0, n1 = _normals(u0, u1)
+    r = math.sqrt(dx * dx + dy * dy)
+    constant, growing = w.sensor_range_std, w.sensor_range_std_per_range * r
+    quadrature = w.sensor_range_law == QUADRATURE
+    std = math.sqrt(constant * constant + growing * growing) if quadrature else constant + growing
+    at = k[NUM_RETURNS] * lane + n
+    x[k[RANGES] + at] = max(r + std * n0, MIN_RETURN)
+    x[k[BEARINGS] + at] = wrap(math.atan2(dy, dx) - heading + w.sensor_bearing_std * n1)
+    k[k[ORIGIN] + at] = TARGET if item == TARGET_ITEM else item
+    k[k[LABELS] + at] = _label(item, u3, w, k[k[COUNT] + lane])
+    return 1
+
+
+@inline
+def _label(item, u, w, count):
+    """What the sensor says the return is from: the target is told from landmarks, landmarks perhaps from each other."""
+    if item == TARGET_ITEM:
+        return TARGET
+    if w.landmarks_labelled == 0:
+        return UNKNOWN
+    if u < w.sensor_mislabel_probability and count > 1:
+        other = min(int(u / w.sensor_mislabel_probability * (count - 1)), count - 2)
+        return other + 1 if other >= item else other
     return item
 
 
 @inline
-def _report(lane, k, item, w, key, episode, step, x, y, pose, errors, ranges, bearings):
-    """Range and bearing of (x, y) with this item's errors of this sweep."""
-    dx, dy = x - pose[lane, 0], y - pose[lane, 1]
-    r = math.hypot(dx, dy)
-    if w.sensor_error_time_constant > 0.0:
-        n0, n1 = errors[lane, item, 0], errors[lane, item, 1]
-    else:
-        n0, n1, _, _ = normal4(key[lane], episode[lane], step[lane], DRAW_SENSOR, item)
-    a, b = w.sensor_range_std, w.sensor_range_std_per_range * r
-    std = math.sqrt(a * a + b * b) if w.sensor_range_law == QUADRATURE else a + b
-    ranges[lane, k] = max(r + std * n0, MIN_RETURN)
-    bearings[lane, k] = wrap(math.atan2(dy, dx) - pose[lane, 2] + w.sensor_bearing_std * n1)
-
-
-@inline
-def _correlate(lane, w, key, episode, step, count, errors):
+def _correlate(lane, w, x, k):
     """Every source's errors move on, seen or not: e <- f e + sqrt(1 - f^2) n, f = exp(-period / time constant)."""
-    if w.sensor_error_time_constant <= 0.0:
-        return
     f = math.exp(-w.dt * w.sensor_period / w.sensor_error_time_constant)
-    if step[lane] <= w.sensor_period:
+    if k[k[STEP] + lane] <= w.sensor_period:
         f = 0.0  # the first sweep: from the stationary distribution
     fresh = math.sqrt(1.0 - f * f)
-    last = errors.shape[1] - 1
-    for j in range(errors.shape[1]):
-        if j < count[lane] or j == last:
-            n0, n1, _, _ = normal4(key[lane], episode[lane], step[lane], DRAW_SENSOR, j)
-            errors[lane, j, 0] = f * errors[lane, j, 0] + fresh * n0
-            errors[lane, j, 1] = f * errors[lane, j, 1] + fresh * n1
+    last = k[NUM_LANDMARKS]
+    for row in range(last + 1):
+        u0, u1, _, _ = _draw(lane, TARGET_ITEM if row == last else row, k)
+        n0, n1 = _normals(u0, u1)
+        at = k[ERRORS] + 2 * ((last + 1) * lane + row)
+        x[at] = f * x[at] + fresh * n0
+        x[at + 1] = f * x[at + 1] + fresh * n1
 
 
 @inline
-def _clutter(lane, k, w, key, episode, step, count, ranges, bearings, labels, origin):
-    """A Poisson number of false returns, uniform over the sensor's area."""
-    u0, _, _, _ = uniform4(key[lane], episode[lane], step[lane], DRAW_CLUTTER, 0)
+def _clutter(lane, n, w, x, k):
+    """Write false returns from the n-th on, Poisson in number, uniform over the area swept; says how many."""
+    key, episode, step = k[k[KEY] + lane], k[k[EPISODE] + lane], k[k[STEP] + lane]
+    u0, _, _, _ = uniform4(key, episode, step, DRAW_CLUTTER, 0)
     probability = math.exp(-w.sensor_clutter_rate)
     total, number = probability, 0
-    while u0 > total and number < ranges.shape[1] - k:
+    while u0 > total and probability > 0.0:
         number += 1
         probability *= w.sensor_clutter_rate / number
         total += probability
+    room = k[NUM_RETURNS] - n
+    if number > room:
+        k[k[OVERFLOW] + lane] += number - room
+        number = room
+    near, far, count = w.sensor_min_range, w.sensor_max_range, k[k[COUNT] + lane]
     for i in range(number):
-        u0, u1, u2, _ = uniform4(key[lane], episode[lane], step[lane], DRAW_CLUTTER, 1 + i)
-        near, far = w.sensor_min_range, w.sensor_max_range
-        ranges[lane, k] = max(math.sqrt(near * near + u0 * (far * far - near * near)), MIN_RETURN)
-        bearings[lane, k] = wrap((u1 - 0.5) * w.sensor_field_of_view)
+        u0, u1, u2, _ = uniform4(key, episode, step, DRAW_CLUTTER, 1 + i)
+        at = k[NUM_RETURNS] * lane + n + i
+        x[k[RANGES] + at] = max(math.sqrt(near * near + u0 * (far * far - near * near)), MIN_RETURN)
+        x[k[BEARINGS] + at] = wrap((u1 - 0.5) * w.sensor_field_of_view)
         # A labelling sensor gives every return a label: a false one looks like some landmark's.
-        labelled = w.landmarks_labelled == 1 and count[lane] > 0
-        labels[lane, k] = int(u2 * count[lane]) if labelled else UNKNOWN
-        origin[lane, k] = FALSE_ALARM
-        k += 1
-    return k
+        k[k[LABELS] + at] = int(u2 * count) if w.landmarks_labelled == 1 and count > 0 else UNKNOWN
+        k[k[ORIGIN] + at] = FALSE_ALARM
+    return number

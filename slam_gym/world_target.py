@@ -1,0 +1,151 @@
+"""One step of the target, by its kind; then back inside the walls and out of the pillars."""
+
+import math
+
+from estimators.kernels.angles import wrap
+from estimators.kernels.jit import inline
+from estimators.kernels.motion import unicycle
+from estimators.kernels.random import normal4, uniform4
+from slam_gym.world_geometry import pushed_out
+from slam_gym.world_numbers import CONSTANT_VELOCITY, DRAW_TARGET, EVASIVE, RECORDED, TWIST
+from slam_gym.world_state import (
+    COUNT,
+    EPISODE,
+    GOAL,
+    KEY,
+    LANDMARKS,
+    NUM_LANDMARKS,
+    POSE,
+    RADIUS,
+    STEP,
+    TARGET_HEADING,
+    TARGET_STATE,
+)
+
+ARRIVED = 0.5  # [m] from a waypoint: the target takes a new one
+BERTH = 0.3  # [m] between a waypoint and a pillar's rim
+SIDE_STEP = 0.6  # [rad], by which a fleeing target turns off a wall
+SIDE_STEPS = 12  # ways that it looks at, alternately left and right
+
+
+@inline
+def move_target(lane, w, x, k, path):
+    """Advance the target by dt: x, y, velocity and heading."""
+    if w.target_kind == RECORDED:
+        follow_path(lane, w, k[k[STEP] + lane] + 1, x, k, path)
+    elif w.target_kind == CONSTANT_VELOCITY:
+        _drift(lane, w, x, k)
+    else:
+        _drive(lane, w, x, k)
+
+
+@inline
+def _drift(lane, w, x, k):
+    """Straight on; white acceleration changes the velocity, and walls reflect it."""
+    n0, n1, _, _ = normal4(k[k[KEY] + lane], k[k[EPISODE] + lane], k[k[STEP] + lane], DRAW_TARGET, 0)
+    at = k[TARGET_STATE] + 4 * lane
+    kick = w.target_acceleration_density * math.sqrt(w.dt)
+    px, py, mirror_x, mirror_y = _inside(w, x[at] + w.dt * x[at + 2], x[at + 1] + w.dt * x[at + 3])
+    x[at], x[at + 1] = _out_of_pillars(lane, w, px, py, x, k)
+    x[at + 2] = mirror_x * x[at + 2] + kick * n0
+    x[at + 3] = mirror_y * x[at + 3] + kick * n1
+    x[k[TARGET_HEADING] + lane] = wrap(math.atan2(x[at + 3], x[at + 2]))
+
+
+@inline
+def _drive(lane, w, x, k):
+    """A unicycle: with a constant twist and noise, Eq. (17) of Wu and Sun 2013, or steering to where it wants."""
+    at = k[TARGET_STATE] + 4 * lane
+    heading = x[k[TARGET_HEADING] + lane]
+    if w.target_kind == TWIST:
+        n0, n1, _, _ = normal4(k[k[KEY] + lane], k[k[EPISODE] + lane], k[k[STEP] + lane], DRAW_TARGET, 0)
+        v, turn = w.target_speed + w.target_speed_std * n0, w.target_turn_rate + w.target_turn_std * n1
+    else:
+        off = wrap(_wanted_heading(lane, w, x, k) - heading)
+        v, turn = w.target_speed, min(max(off / w.dt, -w.target_turn_max), w.target_turn_max)
+    dx, dy, dphi = unicycle(v, turn, w.dt, heading)
+    px, py, mirror_x, mirror_y = _inside(w, x[at] + dx, x[at + 1] + dy)
+    px, py = _out_of_pillars(lane, w, px, py, x, k)
+    heading = wrap(heading + dphi)
+    if mirror_x < 0.0:
+        heading = wrap(math.pi - heading)
+    if mirror_y < 0.0:
+        heading = wrap(-heading)
+    x[at + 2], x[at + 3] = (px - x[at]) / w.dt, (py - x[at + 1]) / w.dt
+    x[at], x[at + 1] = px, py
+    x[k[TARGET_HEADING] + lane] = heading
+
+
+@inline
+def _wanted_heading(lane, w, x, k):
+    """Towards the waypoint, which changes at random or when reached; away from a near robot if it flees."""
+    at, goal, robot = k[TARGET_STATE] + 4 * lane, k[GOAL] + 2 * lane, k[POSE] + 3 * lane
+    step = k[k[STEP] + lane]
+    u0, u1, u2, _ = uniform4(k[k[KEY] + lane], k[k[EPISODE] + lane], step, DRAW_TARGET, 0)
+    gx, gy = x[goal] - x[at], x[goal + 1] - x[at + 1]
+    if step == 0 or gx * gx + gy * gy < ARRIVED * ARRIVED or u2 < -math.expm1(-w.target_waypoint_rate * w.dt):
+        gx, gy = (u0 - 0.5) * w.arena_width, (u1 - 0.5) * w.arena_height
+        if w.landmarks_radius > 0.0:
+            first = k[NUM_LANDMARKS] * lane
+            gx, gy = pushed_out(gx, gy, BERTH, x, k[LANDMARKS] + 2 * first, k[RADIUS] + first, k[k[COUNT] + lane])
+        x[goal], x[goal + 1] = gx, gy
+        gx, gy = gx - x[at], gy - x[at + 1]
+    dx, dy = x[at] - x[robot], x[at + 1] - x[robot + 1]
+    if w.target_kind != EVASIVE or dx * dx + dy * dy > w.target_flee_distance * w.target_flee_distance:
+        return math.atan2(gy, gx)
+    away = math.atan2(dy, dx)
+    return _along_walls(w, x[at], x[at + 1], away) if w.arena_walls == 1 else away
+
+
+@inline
+def _along_walls(w, px, py, wanted):
+    """The heading nearest to `wanted` whose next metres stay inside the walls."""
+    ahead = max(1.0, w.target_speed)
+    for i in range(SIDE_STEPS):
+        way = wanted + SIDE_STEP * ((i + 1) // 2) * (1.0 if i % 2 == 0 else -1.0)
+        to_x, to_y = px + ahead * math.cos(way), py + ahead * math.sin(way)
+        if abs(to_x) <= 0.5 * w.arena_width and abs(to_y) <= 0.5 * w.arena_height:
+            return way
+    return wanted
+
+
+@inline
+def _inside(w, px, py):
+    """The nearest place inside the walls, and per axis -1 where the motion is reflected."""
+    if w.arena_walls == 0:
+        return px, py, 1.0, 1.0
+    half_x, half_y = 0.5 * w.arena_width, 0.5 * w.arena_height
+    to_x, to_y = min(max(px, -half_x), half_x), min(max(py, -half_y), half_y)
+    return to_x, to_y, (1.0 if to_x == px else -1.0), (1.0 if to_y == py else -1.0)
+
+
+@inline
+def _out_of_pillars(lane, w, px, py, x, k):
+    """The target slides around the pillars, itself a point."""
+    if w.landmarks_radius == 0.0:
+        return px, py
+    first = k[NUM_LANDMARKS] * lane
+    return pushed_out(px, py, 0.0, x, k[LANDMARKS] + 2 * first, k[RADIUS] + first, k[k[COUNT] + lane])
+
+
+@inline
+def follow_path(lane, w, step, x, k, path):
+    """Where the recorded rows [n, 3] (time_s, x_m, y_m) are at the end of that step; it rests at the last."""
+    t = step * w.dt + path[0, 0]
+    low, high = 0, path.shape[0] - 1
+    while high - low > 1:
+        half = (low + high) // 2
+        if path[half, 0] <= t:
+            low = half
+        else:
+            high = half
+    at = k[TARGET_STATE] + 4 * lane
+    span = path[high, 0] - path[low, 0]
+    if t >= path[high, 0] or span == 0.0:
+        x[at], x[at + 1], x[at + 2], x[at + 3] = path[high, 1], path[high, 2], 0.0, 0.0
+        return
+    vx, vy = (path[high, 1] - path[low, 1]) / span, (path[high, 2] - path[low, 2]) / span
+    x[at], x[at + 1] = path[low, 1] + vx * (t - path[low, 0]), path[low, 2] + vy * (t - path[low, 0])
+    x[at + 2], x[at + 3] = vx, vy
+    if vx != 0.0 or vy != 0.0:
+        x[k[TARGET_HEADING] + lane] = wrap(math.atan2(vy, vx))
