@@ -77,8 +77,9 @@ def spread_displacement(P, lane, j, kind, model, a, b, std_a, std_b, dt, heading
     base = carry(kind, model, a, b, dt, heading)
     for p in range(3):
         turn_differences(h * C[2, p], base, D1, D2, p)
-    input_differences(kind, model, a, b, h * std_a, 0.0, dt, heading, base, D1, D2, 3)
-    input_differences(kind, model, a, b, 0.0, h * std_b, dt, heading, base, D1, D2, 4)
+    for p in range(3, 5):
+        da, db = (h * std_a, 0.0) if p == 3 else (0.0, h * std_b)
+        input_differences(kind, model, a, b, da, db, dt, heading, base, D1, D2, p)
     for i in range(2):
         solve_transposed(C, 3, D1, i, E)
         for p in range(3):

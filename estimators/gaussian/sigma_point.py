@@ -20,12 +20,13 @@ from estimators.gaussian.interpolation import (
 from estimators.gaussian.layout import GaussianEstimator
 from estimators.gaussian.sweep import (
     DROPPED_RETURN,
-    GATE_REJECTED,
-    NOT_POSITIVE,
     OVERFLOW,
-    REINITIALISED,
+    UNLIKELY,
+    UNUSABLE,
+    USED,
     associate,
-    forget_target,
+    limit_of,
+    note,
 )
 from estimators.interface import Floats, Ints, Scan
 from estimators.kernels.angles import wrap
@@ -40,22 +41,23 @@ GAUSSIAN_STEP = math.sqrt(3.0)  # h, Tian et al. 2010: matches the fourth moment
 
 
 @inline
-def predict_target(mu, P, lane, n, model, target_known, pending, dt, h, C, D1, D2, E):
-    """Move the target: a twist by sigma points; constant velocity is linear, where sigma points are exact."""
-    if target_known[lane] and model.target_kind == TWIST:
-        move_body(
-            mu, P, lane, n, ROBOT, TARGET_MOVES, model, model.target_speed, model.target_turn_rate,
-            model.target_speed_std, model.target_turn_std, dt, h, C, D1, D2, E,
-        )  # fmt: skip
-    elif target_known[lane]:
-        drift_velocity(mu, P, lane, n, model.acceleration_density, dt)
-    elif pending[lane, 0] > 0.0:
-        advance_pending(pending, lane, model.target_speed * dt, model.target_turn_rate * dt)
+def body_inputs(model, body, v, w, dt):
+    """What moves the robot (body 0) or a twist target (body 1): first row, kind, two rates and their deviations."""
+    if body == 0:
+        v, w = calibrated(model, v, w)
+        sv, sw = control_std(model, v, w, dt)
+        return 0, ROBOT_MOVES, v, w, sv, sw
+    return (
+        ROBOT, TARGET_MOVES, model.target_speed, model.target_turn_rate, model.target_speed_std, model.target_turn_std
+    )  # fmt: skip
 
 
 @jit
 def predict(mu, P, models, n_t, count, target_known, pending, control, dt, last_dt, lanes, h, scratch):
-    """One step of the named lanes. Eqs. (9)-(18)."""
+    """One step of the named lanes. Eqs. (9)-(18).
+
+    A constant-velocity target moves linearly, where sigma points give exactly the textbook's prediction.
+    """
     C, D1, D2, E = scratch[0], scratch[1], scratch[2], scratch[3]
     for i in range(lanes.size):
         lane = lanes[i]
@@ -64,17 +66,21 @@ def predict(mu, P, models, n_t, count, target_known, pending, control, dt, last_
             continue
         model = models[lane]
         n = rows_in_use(n_t, count[lane])
-        v, w = calibrated(model, control[lane, 0], control[lane, 1])
-        sv, sw = control_std(model, v, w, step)
-        move_body(mu, P, lane, n, 0, ROBOT_MOVES, model, v, w, sv, sw, step, h, C, D1, D2, E)
-        if n_t > 0:
-            predict_target(mu, P, lane, n, model, target_known, pending, step, h, C, D1, D2, E)
+        bodies = 2 if n_t > 0 and target_known[lane] and model.target_kind == TWIST else 1
+        for body in range(bodies):
+            j, kind, v, w, sv, sw = body_inputs(model, body, control[lane, 0], control[lane, 1], step)
+            move_body(mu, P, lane, n, j, kind, model, v, w, sv, sw, step, h, C, D1, D2, E)
+        if n_t > 0 and bodies == 1:
+            if target_known[lane]:
+                drift_velocity(mu, P, lane, n, model.acceleration_density, step)
+            elif pending[lane, 0] > 0.0:
+                advance_pending(pending, lane, model.target_speed * step, model.target_turn_rate * step)
         last_dt[lane] = step
 
 
 @inline
 def observe(mu, P, W, lane, n, j, model, distance, bearing, limit, h, C, D1, E):
-    """Update by one return of the point at row j; the codes are those of the EKF's `observe`."""
+    """Update by one return of the point at row j; (what became of it, its NIS)."""
     r0, r, b, s00, s01, s11 = spread_return(mu, P, lane, j, h, C, D1, E)
     range_std, bearing_std = noise_std(model, r0)
     s00 += range_std * range_std
@@ -82,53 +88,65 @@ def observe(mu, P, W, lane, n, j, model, distance, bearing, limit, h, C, D1, E):
     y0, y1 = distance - r, wrap(bearing - b)
     nis = nis_and_log_det(s00, s01, s11, y0, y1)[0]
     if not nis <= limit:
-        return 1 if math.isnan(nis) else 2
+        return (UNUSABLE if math.isnan(nis) else UNLIKELY), nis
     downdate_by_points(mu, P, W, lane, n, j, E, y0, y1, s00, s01, s11)
     mu[lane, 2] = wrap(mu[lane, 2])
-    return 0
+    return USED, nis
+
+
+@inline
+def open_slot(lane, count, ids, next_id, counters, label):
+    """A free slot for a new landmark of that label; -1, counted, where there is none or it was just filled."""
+    if slot_of(ids, lane, count[lane], label) != NEW:
+        counters[lane, DROPPED_RETURN] += 1  # seen twice in its first sweep
+        return -1
+    slot = count[lane]
+    if slot == ids.shape[1]:
+        counters[lane, OVERFLOW] += 1
+        return -1
+    count[lane] = slot + 1
+    next_id[lane] += 1
+    ids[lane, slot] = label
+    return slot
 
 
 @inline
 def grow_by_points(
-    lane, mu, P, model, n_t, count, ids, first, next_id, target_known, pending, counters, scan_ranges, scan_bearings,
-    scan_labels, num_returns, nearest, slots, dt, h, C, D1, D2, E,
+    lane, mu, P, model, n_t, count, ids, first, next_id, target_known, pending, counters, ranges, bearings, labels,
+    num_returns, nearest, slots, dt, h, C, D1, D2, E,
 ):  # fmt: skip
     """Take in the returns of one lane's sweep that are not yet in the state; see `growth.grow`.
 
     A twist target's heading comes from the chord of two sightings, to first order, as in every filter of the family.
     """
     for k in range(num_returns):
-        slot, distance, bearing = slots[lane, k], scan_ranges[lane, k], scan_bearings[lane, k]
+        slot, distance, bearing = slots[lane, k], ranges[lane, k], bearings[lane, k]
         std_r, std_b = noise_std(model, distance)
-        if slot == TARGET_SLOT and not target_known[lane]:
-            n = rows_in_use(n_t, count[lane])
-            if model.target_kind == TWIST:
-                dx, dy = offset(distance, bearing, mu[lane, 2])
-                n00, n01, n11 = offset_noise(dx, dy, std_r, std_b)
-                start_target(
-                    mu, P, lane, n, model, target_known, pending, dx, dy, -dy, dx, n00, n01, n11, mu[lane, 3],
-                    mu[lane, 4], dt,
-                )  # fmt: skip
-            else:
-                append_by_points(mu, P, lane, n, ROBOT, distance, bearing, std_r, std_b, model, h, C, D1, D2, E)
-                P[lane, 5, 5] = P[lane, 6, 6] = model.initial_speed_std * model.initial_speed_std
-                target_known[lane] = True
-        elif slot == NEW:
-            label = next_id[lane] if nearest else scan_labels[lane, k]
-            if slot_of(ids, lane, count[lane], label) != NEW:
-                counters[lane, DROPPED_RETURN] += 1  # seen twice in its first sweep
+        starts_target = slot == TARGET_SLOT and not target_known[lane]
+        j = ROBOT
+        if starts_target and model.target_kind == TWIST:
+            dx, dy = offset(distance, bearing, mu[lane, 2])
+            n00, n01, n11 = offset_noise(dx, dy, std_r, std_b)
+            start_target(
+                mu, P, lane, rows_in_use(n_t, count[lane]), model, target_known, pending, dx, dy, -dy, dx, n00, n01,
+                n11, mu[lane, 3], mu[lane, 4], dt,
+            )  # fmt: skip
+            continue
+        if not starts_target:
+            if slot != NEW:
                 continue
-            if count[lane] == ids.shape[1]:
-                counters[lane, OVERFLOW] += 1
+            slot = open_slot(lane, count, ids, next_id, counters, next_id[lane] if nearest else labels[lane, k])
+            if slot < 0:
                 continue
-            slot = count[lane]
-            count[lane] = slot + 1
-            n, j = rows_in_use(n_t, slot + 1), ROBOT + n_t + 2 * slot
-            append_by_points(mu, P, lane, n, j, distance, bearing, std_r, std_b, model, h, C, D1, D2, E)
-            ids[lane, slot] = label
-            first[lane, slot, 0], first[lane, slot, 1] = mu[lane, j], mu[lane, j + 1]
             slots[lane, k] = slot
-            next_id[lane] += 1
+            j = ROBOT + n_t + 2 * slot
+        n = rows_in_use(n_t, count[lane])
+        append_by_points(mu, P, lane, n, j, distance, bearing, std_r, std_b, model, h, C, D1, D2, E)
+        if starts_target:
+            P[lane, 5, 5] = P[lane, 6, 6] = model.initial_speed_std * model.initial_speed_std
+            target_known[lane] = True
+        else:
+            first[lane, slot, 0], first[lane, slot, 1] = mu[lane, j], mu[lane, j + 1]
 
 
 @jit
@@ -146,23 +164,17 @@ def update(
             slots,
         )  # fmt: skip
         n = rows_in_use(n_t, count[lane])
-        gate = math.inf if code == NEAREST else gates[0]
         for k in range(K):
             slot = slots[lane, k]
             is_target = slot == TARGET_SLOT and target_known[lane]
             if slot < 0 and not is_target:
                 continue
             j = ROBOT if is_target else ROBOT + n_t + 2 * slot
-            limit = min(gate, model.reinitialise_nis) if is_target else gate
-            outcome = observe(mu, P, W, lane, n, j, model, ranges[lane, k], bearings[lane, k], limit, h, C, D1, E)
-            if outcome == 1:
-                counters[lane, NOT_POSITIVE] += 1
-            elif outcome == 2 and is_target and model.reinitialise_nis <= gate:
-                forget_target(mu, P, lane, n, n_t, target_known, pending)
-                counters[lane, REINITIALISED] += 1
-            elif outcome == 2:
-                counters[lane, GATE_REJECTED] += 1
-        if n_t > 0 and models[lane].target_kind == TWIST:
+            limit = limit_of(gates[0], model, is_target)
+            outcome, nis = observe(mu, P, W, lane, n, j, model, ranges[lane, k], bearings[lane, k], limit, h, C, D1, E)
+            if outcome != USED:
+                note(outcome, nis, is_target, mu, P, lane, n, n_t, model, target_known, pending, counters)
+        if n_t > 0 and model.target_kind == TWIST:
             mu[lane, 5] = wrap(mu[lane, 5])
         grow_by_points(
             lane, mu, P, model, n_t, count, ids, first, next_id, target_known, pending, counters, ranges, bearings,
