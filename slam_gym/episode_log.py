@@ -63,7 +63,8 @@ class EpisodeLog:
     def table(self) -> Table:
         """One row per estimator, for a terminal of 80 columns."""
         episode, metrics = self.episode, self.metrics[self.episode.scenario.burn_in :]
-        title = f"{episode.scenario.name}, policy {episode.policy_name}, seed {episode.seed}, {episode.time:.1f} s"
+        drive = episode.policy_name.partition(":")[0]
+        title = f"{episode.scenario.name}, policy {drive}, seed {episode.seed}, {episode.time:.1f} s"
         table = Table(title=title, title_justify="left", title_style="bold", caption=CAPTION, caption_justify="left",
                       box=None, padding=(0, 1), collapse_padding=True, pad_edge=False)  # fmt: skip
         table.add_column("estimator", no_wrap=True, max_width=NAME_WIDTH)
@@ -72,7 +73,8 @@ class EpisodeLog:
         for heading in (*(c[0] for c in columns), "in 95 %"):
             table.add_column(escape(heading), justify="right", no_wrap=True)
         for i, name in enumerate(self.names):
-            cells = [shape.format(_statistic(metrics[metric][:, i], kind)) for _, metric, kind, shape in columns]
+            values = [_statistic(metrics[metric][:, i], kind) for _, metric, kind, _ in columns]
+            cells = ["-" if math.isnan(v) else c[3].format(v) for v, c in zip(values, columns, strict=True)]
             share = in95_run(metrics["pose_nees"][:, i][None], 3)
             table.add_row(name, *cells, f"{100.0 * share:.0f} %")
         return table

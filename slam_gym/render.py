@@ -8,13 +8,13 @@ from collections.abc import Sequence
 from typing import Literal
 
 import numpy as np
-import pygame
 from numpy.typing import NDArray
 
 from slam_gym.render_canvas import Camera, Canvas, text
 from slam_gym.render_frame import Frame, History
 from slam_gym.render_map import INK, Layers, bounds, draw_map, grid_step
 from slam_gym.render_panel import Panel, Strip
+from slam_gym.render_pygame import pygame
 
 __all__ = ["Frame", "History", "Layers", "Renderer"]
 
@@ -115,7 +115,7 @@ class Renderer:
     def _paint(self, frame: Frame, history: History) -> None:
         camera = self._camera(frame, history)
         has_target = frame.target is not None
-        draw_map(self._canvas, camera, frame, history, self.layers)
+        draw_map(self._canvas, self._map, camera, frame, history, self.layers)
         bar = self._scale_bar(camera)
         if self._panel:
             self._panel.shapes(self._canvas, frame, self.layers)
@@ -131,7 +131,9 @@ class Renderer:
 
     def _camera(self, frame: Frame, history: History) -> Camera:
         if not self.follow:
-            return Camera.fit(self._map, *bounds(frame, history))
+            bar = round(2.2 * self._letter)  # its scale stands below what is shown
+            area = pygame.Rect(self._map.left, self._map.top, self._map.width, self._map.height - bar)
+            return Camera.fit(area, *bounds(frame, history), margin=0.02)
         middle = (frame.pose if self.layers.truth else frame.belief_pose)[:2]
         reach = FOLLOWED * min(frame.max_range, max(frame.arena))
         return Camera.fit(self._map, middle - reach, middle + reach, margin=0.0)

@@ -5,7 +5,6 @@ afterwards at its own size.
 """
 
 import math
-import os
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache
@@ -15,8 +14,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-os.environ.setdefault("PYGAME_HIDE_SUPPORT_PROMPT", "1")
-import pygame
+from slam_gym.render_pygame import pygame
 
 Floats = NDArray[np.float64]
 Colour = tuple[int, int, int]

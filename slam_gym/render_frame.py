@@ -139,7 +139,7 @@ class History:
     """
 
     COLUMNS = ("time", "x", "y", "belief_x", "belief_y", "target_x", "target_y", "belief_target_x", "belief_target_y",
-               "target_error", "pose_nees", "seen")  # fmt: skip
+               "robot_error", "target_error", "pose_nees", "seen")  # fmt: skip
 
     def __init__(self) -> None:
         self._rows = np.zeros((256, len(self.COLUMNS)))
@@ -161,8 +161,8 @@ class History:
         target = nowhere if frame.target is None else frame.target[:2]
         belief = nowhere if frame.belief_target is None else frame.belief_target
         self._rows[self._size] = (
-            frame.time, *frame.pose[:2], *frame.belief_pose[:2], *target, *belief, frame.target_error,
-            frame.pose_nees, frame.target_seen,
+            frame.time, *frame.pose[:2], *frame.belief_pose[:2], *target, *belief, frame.robot_error,
+            frame.target_error, frame.pose_nees, frame.target_seen,
         )  # fmt: skip
         self._size += 1
         self._step = frame.step

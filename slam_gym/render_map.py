@@ -10,6 +10,7 @@ from estimators.interface import TARGET
 from slam_gym.palette import BLUE, GREEN, ORANGE, PURPLE, VERMILION, rgb
 from slam_gym.render_canvas import Camera, Canvas, Colour, ellipse_points
 from slam_gym.render_frame import Frame, History
+from slam_gym.render_pygame import pygame
 
 Floats = NDArray[np.float64]
 
@@ -46,10 +47,10 @@ class Layers:
     particles: bool = True
 
 
-def draw_map(canvas: Canvas, camera: Camera, frame: Frame, history: History, layers: Layers) -> None:
-    """Everything inside the camera's area, from the floor up."""
-    canvas.clip(camera.area)
-    canvas.box(camera.area, BACKGROUND)
+def draw_map(canvas: Canvas, area: pygame.Rect, camera: Camera, frame: Frame, history: History, layers: Layers) -> None:
+    """Everything inside an area of the picture, from the floor up."""
+    canvas.clip(area)
+    canvas.box(area, BACKGROUND)
     draw_floor(canvas, camera, frame)
     seeing = frame.pose if layers.truth else frame.belief_pose
     if layers.view:

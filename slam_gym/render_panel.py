@@ -4,7 +4,6 @@ import math
 from collections.abc import Callable, Sequence
 
 import numpy as np
-import pygame
 from numpy.typing import NDArray
 
 from slam_gym.consistency import nees_bounds
@@ -24,6 +23,7 @@ from slam_gym.render_map import (
     TRUTH,
     Layers,
 )
+from slam_gym.render_pygame import pygame
 
 Floats = NDArray[np.float64]
 
@@ -218,7 +218,10 @@ def _ray(canvas: Canvas, x: float, y: float, size: float) -> None:
 
 
 class Strip:
-    """Two plots over time: pose NEES with its 95 % bounds on a logarithmic axis, and the target's (or pose) error."""
+    """Two plots over time: pose NEES with its 95 % bounds on a logarithmic axis, and the target's error.
+
+    Without a target the second shows the robot's error.
+    """
 
     def __init__(self, area: pygame.Rect, letter: int) -> None:
         self.area, self.letter = area, letter
@@ -245,12 +248,13 @@ class Strip:
         x = history.column("time") / self._span(history)
         nees = np.clip(history.column("pose_nees"), *NEES_RANGE)
         _curve(canvas, first, x, np.array([_nees_height(v, first) for v in nees]), ROBOT)
+        error = self._errors(history, has_target) / self._error_top(history, has_target)
+        colour = BELIEVED_TARGET if has_target else ROBOT
+        _curve(canvas, second, x, second.bottom - second.height * np.minimum(error, 1.0), colour)
         if has_target:
-            error = history.column("target_error") / self._error_top(history)
-            _curve(canvas, second, x, second.bottom - second.height * np.minimum(error, 1.0), BELIEVED_TARGET)
-            self._unseen(canvas, history, x)
+            self._seen(canvas, history, x)
 
-    def _unseen(self, canvas: Canvas, history: History, x: Floats) -> None:
+    def _seen(self, canvas: Canvas, history: History, x: Floats) -> None:
         """A bar below the second plot wherever the target was seen."""
         plot = self.plots[1]
         seen = np.where(history.column("seen") > 0.0, plot.bottom + 3.0, math.nan)
@@ -260,7 +264,7 @@ class Strip:
         """Titles and ticks."""
         small = max(9, round(0.8 * self.letter))
         first, second = self.plots
-        titles = ["pose NEES, 95 % bounds", "target error [m], bar: seen" if has_target else "no target"]
+        titles = ["pose NEES, 95 % bounds", "target error [m], bar: seen" if has_target else "robot error [m]"]
         for plot, title in zip(self.plots, titles, strict=True):
             place = (plot.left, self.area.top + 0.45 * self.letter)
             text(surface, title, place, FAINT, small, max_width=plot.width)
@@ -270,23 +274,26 @@ class Strip:
         for tick in NEES_TICKS:
             y = _nees_height(tick, first) - 0.6 * small
             text(surface, f"{tick:g}", (first.left - 4, y), FAINT, small, align="right")
-        if has_target:
-            top = self._error_top(history)
-            for share in (0.0, 1.0):
-                y = second.bottom - share * second.height - 0.6 * small
-                text(surface, f"{share * top:g}", (second.left - 4, y), FAINT, small, align="right")
+        top = self._error_top(history, has_target)
+        for share in (0.0, 1.0):
+            y = second.bottom - share * second.height - 0.6 * small
+            text(surface, f"{share * top:g}", (second.left - 4, y), FAINT, small, align="right")
 
     @staticmethod
     def _span(history: History) -> float:
         return max(SHORTEST_TIME, float(history.column("time")[-1]) if len(history) else 0.0)
 
     @staticmethod
-    def _error_top(history: History) -> float:
-        """The top of the error axis: 1, 2 or 5 times a power of ten above all errors so far."""
-        errors = history.column("target_error")
-        largest = np.nanmax(errors, initial=0.1)
+    def _errors(history: History, has_target: bool) -> Floats:
+        return history.column("target_error" if has_target else "robot_error")
+
+    @classmethod
+    def _error_top(cls, history: History, has_target: bool) -> float:
+        """The top of the error axis: 1, 2 or 5 times a power of ten above all finite errors so far."""
+        errors = cls._errors(history, has_target)
+        largest = errors[np.isfinite(errors)].max(initial=0.1)
         power = 10.0 ** math.floor(math.log10(largest))
-        return next(power * m for m in (1.0, 2.0, 5.0, 10.0) if power * m >= largest)
+        return float(next(power * m for m in (1.0, 2.0, 5.0, 10.0) if power * m >= largest))
 
 
 def _nees_height(value: float, plot: pygame.Rect) -> float:

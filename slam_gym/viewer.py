@@ -4,11 +4,11 @@ import time
 from pathlib import Path
 
 import numpy as np
-import pygame
 from numpy.typing import NDArray
 
 from slam_gym.episode import Episode
 from slam_gym.render import Frame, History, Renderer
+from slam_gym.render_pygame import pygame
 
 KEYS = (
     ("space n", "pause, one step"),

@@ -110,7 +110,7 @@ class Run:
 
     def _write(self, log: Any, renderer: "Renderer | None") -> "Iterator[Path]":
         if self.png is not None and renderer is not None:
-            import pygame
+            from slam_gym.render_pygame import pygame
 
             pygame.image.save(renderer.surface, str(self.png))
             yield self.png
