@@ -36,6 +36,7 @@ WRONG = [
     (TargetModel, {"kind": "walker"}, "TargetModel.kind must be one of 'twist', 'constant-velocity'; got 'walker'"),
     (TargetModel, {"acceleration_density": -1.0}, "TargetModel.acceleration_density must be"),
     (TargetModel, {"initial_speed_std": 0.0}, "TargetModel.initial_speed_std must be a number that is positive"),
+    (TargetModel, {"reinitialise_spread": -1.0}, "TargetModel.reinitialise_spread must be a number that is positive"),
     (TargetModel, {"reinitialise_nis": 0.0}, "TargetModel.reinitialise_nis must be a number that is positive"),
 ]
 
