@@ -81,7 +81,7 @@ def compare(
             "closed-loop": each estimator drives a policy of its own.
         driver: label of an estimator; None: "ri-ekf", else "fej-ekf", else the first.
         steps: simulation steps of a run; None: the scenario's.
-        burn_in: first steps that are not scored; None: the scenario's.
+        burn_in: first steps that are not scored; None: the scenario's, and at least the first.
         overrides: dotted scenario settings, {"sensor.max_range": 5.0}, for all scenarios.
         estimator_options: options by estimator name.
         noise_inflation: factor on the measurement covariance that the filters assume ("filter.noise_inflation").

@@ -115,7 +115,8 @@ def make_plan(
 
 
 def _burn_in(scenario: Scenario, chosen: int | None) -> int:
-    burn_in = scenario.burn_in if chosen is None else chosen
+    """After one step from an exactly known start the covariance has not its full rank, and NEES means nothing."""
+    burn_in = max(scenario.burn_in, min(1, scenario.max_steps - 1)) if chosen is None else chosen
     if not 0 <= burn_in < scenario.max_steps:
         raise ValueError(
             f"burn_in must be less than the {scenario.max_steps} steps of a run of {scenario.name!r}; got {burn_in}"

@@ -62,7 +62,7 @@ class Compare:
     steps: int | None = None
     """Simulation steps of a run instead of the scenario's."""
     burn_in: int | None = None
-    """First steps that are not scored instead of the scenario's."""
+    """First steps that are not scored instead of the scenario's (at least 1: the covariance there is singular)."""
     jobs: int | None = None
     """Processes; default: one per CPU."""
     out: Path | None = None
