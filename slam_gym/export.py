@@ -59,7 +59,7 @@ def record(
             measurements += [[now, scan.labels[0, k], scan.ranges[0, k], scan.bearings[0, k]] for k in range(n)]
     odometry.append([episode.time, 0.0, 0.0])
     count = world.landmark_count[0]
-    tables = {
+    tables: dict[str, Any] = {
         "odometry": odometry,
         "measurements": measurements,
         "sweeps": sweeps,

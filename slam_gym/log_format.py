@@ -19,6 +19,7 @@ NPZ: arrays of the same names without ".csv", columns in the order above; in lab
 
 import csv
 from pathlib import Path
+from typing import Any
 from zipfile import BadZipFile
 
 import numpy as np
@@ -90,11 +91,11 @@ def _number(text: str) -> float:
     return float(WORDS[word]) if word in WORDS else float(word)
 
 
-def tables_of(recording: Recording) -> dict[str, Floats]:
+def tables_of(recording: Recording) -> dict[str, Any]:
     """A recording as tables, on its own clock (the inverse of `Recording.from_tables`)."""
     per_sweep = np.diff(recording.sweep_first)
     when = np.repeat(recording.sweep_times, per_sweep)
-    tables = {
+    tables: dict[str, Floats] = {
         "odometry": np.column_stack([recording.command_times, recording.commands]),
         "measurements": np.column_stack([when, recording.labels, recording.ranges, recording.bearings]),
         "landmarks": np.column_stack([recording.landmark_ids, recording.landmarks]),

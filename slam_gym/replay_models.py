@@ -6,11 +6,13 @@ another maker of a `ReplayModels` here, perhaps with a change of the recording b
 
 import math
 from dataclasses import dataclass, replace
-from typing import Any, Self
+from typing import Self
 
 from estimators.interface import TARGET
 from estimators.models import MotionModel, SensorModel, TargetModel
 from slam_gym.recording import Recording
+from slam_gym.scenario import Scenario
+from slam_gym.scenario_fields import middle
 
 MRCLAM_CALIBRATION = (0.935, 0.948, -0.0023)
 """Speed scale, turn scale, turn bias [rad/s] of the MRCLAM robots, measured on another recording of the same robots."""
@@ -116,11 +118,12 @@ def mrclam_models(calibration: tuple[float, float, float] = MRCLAM_CALIBRATION, 
     )
 
 
-def scenario_models(scenario: Any, recording: Recording) -> ReplayModels:
-    """The filter's numbers of a `slam_gym.scenario.Scenario`, for recordings of other robots."""
+def scenario_models(scenario: Scenario, recording: Recording) -> ReplayModels:
+    """A scenario's numbers as filters believe them, for recordings of other robots."""
     motion, sensor, target = scenario.models()
     if recording.target is None and TARGET not in recording.labels:
         target = None
     elif target is None:
         target = TargetModel()
-    return ReplayModels(motion=motion, sensor=sensor, target=target)
+    delay = middle(scenario.robot.command_delay)
+    return ReplayModels(motion=motion, sensor=sensor, target=target, command_delay=delay)

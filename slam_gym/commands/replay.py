@@ -54,7 +54,7 @@ class Settings:
     """NIS (2 degrees of freedom) above which a labelled return is taken for a mis-read label; `inf` for none.
     Particle filters work better without and take one only as their own option: `slamto:gate=400`."""
     command_delay: float | None = None
-    """[s] from a command to its motion; by default 0.2 for MRCLAM, 0 for logs."""
+    """[s] from a command to its motion; by default 0.2 for MRCLAM, for logs the scenario's."""
     sample_rate: float = 1.0
     """[Hz] at which errors and NEES are scored."""
     out: Path | None = None
