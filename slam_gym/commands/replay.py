@@ -24,7 +24,7 @@ ACCURACY = (
     ("target\n< 2 s", "target_error_lt2", 2, 0),
     ("target\n2-15 s", "target_error_2_15", 2, 0),
     ("target\n> 15 s", "target_error_gt15", 2, 0),
-    ("us", "predict_us", 1, 0),
+    ("us", "predict_us", 0, 0),
 )
 CONSISTENCY = (
     ("pose", "pose_nees_mean", 1, 3),
