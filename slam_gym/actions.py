@@ -3,63 +3,84 @@
 import numpy as np
 from numpy.typing import NDArray
 
+from estimators.kernels.jit import jit
 from estimators.registry import unknown_name
 from slam_gym.scenario import Scenario
 from slam_gym.scenario_fields import middle
 
 Floats = NDArray[np.float64]
 
-KINDS = ("twist", "wheels", "steering")
+COMPONENTS = {"twist": ("forward", "turn"), "wheels": ("left", "right"), "steering": ("forward", "steering")}
+KINDS = tuple(COMPONENTS)
+
+
+@jit
+def _to_command(action, wheels, speed_min, speed_max, turn_max, track, command):
+    """command [L, 2] of action [L, 2], cut to [-1, 1]; False where an action is no finite number."""
+    finite = True
+    for lane in range(action.shape[0]):
+        a, b = action[lane, 0], action[lane, 1]
+        if not (abs(a) < np.inf and abs(b) < np.inf):
+            finite = False
+        a, b = min(max(a, -1.0), 1.0), min(max(b, -1.0), 1.0)
+        if wheels:
+            command[lane, 0] = 0.5 * speed_max * (a + b)
+            command[lane, 1] = speed_max * (b - a) / track
+        else:
+            command[lane, 0] = a * speed_max if a >= 0.0 else -a * min(speed_min, 0.0)
+            command[lane, 1] = b * turn_max
+    return finite
 
 
 class ActionMap:
     """One kind of action for one scenario.
 
-    twist: (forward, turn): a >= 0 scales to speed_max, a < 0 to speed_min (0 is a stop); turn_max.
-    wheels: (left, right) wheel speeds, 1 is the fastest forward speed.
-    steering: (forward, steering angle), the bicycle's only kind.
+    twist: (forward, turn). Forward 1 is `speed_max`, -1 is `speed_min` (0: the robot cannot reverse), 0 stands still;
+        turn 1 is `turn_max` to the left.
+    wheels: (left, right) wheel speeds; 1 is the fastest forward speed, -1 the same backwards. The world cuts the
+        resulting twist to the robot's limits.
+    steering: (forward, steering angle): the bicycle's only kind.
 
     Args:
         scenario: whose limits count (the middle where one is a range).
-        kind: "twist", "wheels" or "steering".
+        kind: "twist", "wheels" or "steering"; None: the robot's usual one.
+
+    Attributes:
+        kind, names: the kind, and what its two components are called.
 
     Raises:
         ValueError: an unknown kind, or one that the robot cannot follow.
     """
 
-    def __init__(self, scenario: Scenario, kind: str = "twist") -> None:
+    def __init__(self, scenario: Scenario, kind: str | None = "twist") -> None:
+        robot = scenario.robot
+        bicycle = robot.kind == "bicycle"
+        if kind is None:
+            kind = "steering" if bicycle else "twist"
         if kind not in KINDS:
-            raise ValueError(unknown_name("action", kind, list(KINDS)))
-        bicycle = scenario.robot.kind == "bicycle"
+            raise ValueError(unknown_name("action", str(kind), list(KINDS)))
         if bicycle != (kind == "steering"):
             allowed = "'steering'" if bicycle else "'twist' or 'wheels'"
-            raise ValueError(f"a {scenario.robot.kind} takes the action {allowed}; got {kind!r}")
-        robot = scenario.robot
-        self.kind = kind
+            raise ValueError(f"a {robot.kind} takes the action {allowed}; got {kind!r}")
+        self.kind, self.names = kind, COMPONENTS[kind]
         self.speed_min, self.speed_max = middle(robot.speed_min), middle(robot.speed_max)
         self.turn_max = middle(robot.steering_max if bicycle else robot.turn_max)
         self.wheel_track = middle(robot.wheel_track)
+        self._numbers = (kind == "wheels", self.speed_min, self.speed_max, self.turn_max, self.wheel_track)
 
-    @property
-    def names(self) -> tuple[str, str]:
-        """What the two components are."""
-        return {"twist": ("forward", "turn"), "wheels": ("left", "right"), "steering": ("forward", "steering")}[
-            self.kind
-        ]
+    def fill(self, action: Floats, command: Floats) -> bool:
+        """Write the commands [L, 2] of actions [L, 2], cut to [-1, 1]; False where one is not a finite number."""
+        return _to_command(action, *self._numbers, command)  # type: ignore[no-any-return]
 
-    def to_command(self, action: Floats, out: Floats | None = None) -> Floats:
-        """Physical commands [L, 2] (speed [m/s], turn rate [rad/s] or steering angle [rad]) of actions [L, 2]."""
-        command = np.empty(action.shape) if out is None else out
-        if self.kind == "wheels":
-            left, right = action[:, 0] * self.speed_max, action[:, 1] * self.speed_max
-            command[:, 0] = 0.5 * (left + right)
-            command[:, 1] = (right - left) / self.wheel_track
-            return command
-        np.multiply(action[:, 0], self.speed_max, out=command[:, 0])
-        backward = action[:, 0] < 0.0
-        if backward.any():
-            command[backward, 0] = action[backward, 0] * -min(self.speed_min, 0.0)
-        np.multiply(action[:, 1], self.turn_max, out=command[:, 1])
+    def to_command(self, action: Floats) -> Floats:
+        """Physical commands [L, 2] (speed [m/s], turn rate [rad/s] or steering angle [rad]) of actions [L, 2].
+
+        Raises:
+            ValueError: an action that is not a finite number.
+        """
+        command = np.empty((len(action), 2))
+        if not self.fill(np.asarray(action, dtype=np.float64), command):
+            raise ValueError(f"actions must be finite numbers in [-1, 1]; got {action!r}")
         return command
 
     def to_action(self, command: Floats) -> Floats:
@@ -70,8 +91,7 @@ class ActionMap:
             action[:, 0], action[:, 1] = command[:, 0] - half, command[:, 0] + half
             return action / self.speed_max
         back = -min(self.speed_min, 0.0)
-        forward = command[:, 0] / self.speed_max
         backward = command[:, 0] / back if back > 0.0 else np.zeros(len(command))
-        action[:, 0] = np.where(command[:, 0] >= 0.0, forward, backward)
+        action[:, 0] = np.where(command[:, 0] >= 0.0, command[:, 0] / self.speed_max, backward)
         action[:, 1] = command[:, 1] / self.turn_max
         return action

@@ -29,7 +29,7 @@ class Simulation:
         timed: measure the estimators' time.
 
     Attributes:
-        world, estimators, meters: one meter per estimator.
+        world, estimators, meters: one meter per estimator; names [E], of the estimators.
         predict_seconds, update_seconds: [E] with `timed`; predict_calls, update_calls: [E] lane-calls they cover.
 
     Raises:
@@ -48,10 +48,12 @@ class Simulation:
     ) -> None:
         self.scenario, self.num_lanes, self.dt, self.timed = scenario, int(num_lanes), float(scenario.dt), timed
         self.world = World(scenario, num_lanes, threads)
+        self.names = [name for name, _ in estimators]
         self.estimators = [self._build(name, options, allow_truth) for name, options in estimators]
         self.meters = [Meter(num_lanes, e.max_landmarks) for e in self.estimators]
         self._plain = not timed and not any(isinstance(e, TruthAware) for e in self.estimators)
         self._period = int(scenario.sensor_period)
+        self._altered = np.zeros(self.num_lanes, dtype=np.bool_)  # lanes whose models reset options have changed
         count = len(self.estimators)
         self.predict_seconds, self.update_seconds = np.zeros(count), np.zeros(count)
         self.predict_calls, self.update_calls = np.zeros(count, dtype=np.int64), np.zeros(count, dtype=np.int64)
@@ -84,10 +86,13 @@ class Simulation:
         start = world.target_start(chosen)
         mean, cov = start if start is not None else (None, None)
         streams = (world.key[chosen] >> np.uint64(1)).astype(np.int64) + world.episode[chosen]
+        told = chosen if world.models_vary or options else chosen[self._altered[chosen]]
+        self._altered[chosen] = bool(options)
+        for lane in map(int, told):
+            models = world.lane_models(lane)
+            for estimator in self.estimators:
+                estimator.set_models(lane, *models)
         for estimator in self.estimators:
-            if world.models_vary or options:
-                for lane in chosen:
-                    estimator.set_models(int(lane), *world.lane_models(int(lane)))
             estimator.reset(
                 world.start_pose[chosen], world.start_cov[chosen], seeds=streams, target=mean, target_cov=cov,
                 lanes=None if lanes is None else chosen,
@@ -158,10 +163,12 @@ class Simulation:
 
     def get_state(self) -> dict[str, Any]:
         """Everything that changes between calls, as copies."""
-        return {"world": self.world.get_state(), "estimators": [e.get_state() for e in self.estimators]}
+        states = [estimator.get_state() for estimator in self.estimators]
+        return {"world": self.world.get_state(), "estimators": states, "altered": self._altered.copy()}
 
     def set_state(self, state: Mapping[str, Any]) -> None:
         """Restore what `get_state` returned."""
         self.world.set_state(state["world"])
+        self._altered[:] = state["altered"]
         for estimator, saved in zip(self.estimators, state["estimators"], strict=True):
             estimator.set_state(saved)

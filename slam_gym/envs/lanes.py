@@ -1,0 +1,135 @@
+"""What the single and the vector environment share: L lanes of simulation, observation and scoring."""
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from estimators.registry import unknown_name
+from slam_gym import reward
+from slam_gym.actions import ActionMap
+from slam_gym.envs.scoring import Ending, Scorer
+from slam_gym.observation import Observer
+from slam_gym.scenario import Scenario
+from slam_gym.simulation import Simulation
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+OBSERVATIONS = ("box", "dict")
+SEED_LIMIT = 2**31  # of seeds drawn where the user gives none
+
+
+def _mapping(name: str, value: Any, example: str) -> dict[str, Any]:
+    if value is None:
+        return {}
+    if not isinstance(value, Mapping):
+        raise ValueError(f"{name} must be a dictionary like {example}; got {value!r}")
+    return dict(value)
+
+
+def _scenario(source: Any, changes: Mapping[str, Any]) -> Scenario:
+    if not isinstance(source, (str, Path, Mapping, Scenario)):
+        raise ValueError(f"scenario must be a name, a TOML file's path or a dictionary; got {source!r}")
+    return Scenario.load(source, **changes)
+
+
+class Lanes:
+    """L lanes: commands in, observations, rewards, ends and info out. See the environments for the arguments.
+
+    Attributes:
+        simulation, scenario, action_map, observer, scorer: the parts.
+        action: [L, 2] the last actions, cut to [-1, 1] by the map only where they move the robot.
+        max_steps, hold: simulation steps of an episode, and of one action.
+    """
+
+    def __init__(
+        self,
+        num_lanes: int,
+        *,
+        scenario: Any = "default",
+        scenario_options: Any = None,
+        estimator: Any = "ekf",
+        estimator_options: Any = None,
+        observation: str = "box",
+        action: str | None = None,
+        reward_weights: Any = None,
+        nearest_landmarks: int = 8,
+        sectors: int = 8,
+        terminate_on_capture: float | None = None,
+        terminate_outside: bool = False,
+        success_error: float = 1.0,
+        allow_truth: bool = False,
+        threads: int = 1,
+    ) -> None:
+        ending = Ending(terminate_on_capture, terminate_outside, success_error)
+        weights = reward.weights(_mapping("reward", reward_weights, '{"track": 1.0}'))
+        if observation not in OBSERVATIONS:
+            raise ValueError(unknown_name("observation", str(observation), list(OBSERVATIONS)))
+        if not isinstance(estimator, str):
+            raise ValueError(f"estimator must be a name such as 'ekf'; got {estimator!r}")
+        changes = _mapping("scenario_options", scenario_options, '{"sensor.max_range": 5.0}')
+        options = _mapping("estimator_options", estimator_options, '{"gate": 16.0}')
+        self.scenario = _scenario(scenario, changes)
+        self.num_lanes, self.observation = num_lanes, observation
+        self.action_map = ActionMap(self.scenario, action)
+        self.observer = Observer(self.scenario, num_lanes, nearest_landmarks, sectors)
+        self.simulation = Simulation(
+            self.scenario, [(estimator, options)], num_lanes, threads, allow_truth=allow_truth
+        )
+        self.scorer = Scorer(self.scenario, self.simulation, weights, ending, self.observer.border)
+        self.max_steps, self.hold = int(self.scenario.max_steps), int(self.scenario.hold)
+        self.action: Floats = np.zeros((num_lanes, 2))
+        self._command: Floats = np.zeros((num_lanes, 2))
+        self._all = np.arange(num_lanes)
+
+    def reset(self, seeds: Ints | None, lanes: Ints | None = None, options: Mapping[str, Any] | None = None) -> None:
+        """Begin an episode in the named lanes (None: all), and score them; seeds None: the next of the same seeds."""
+        self.simulation.reset(seeds, lanes, options or None)
+        chosen = self._all if lanes is None else lanes
+        numbers = self.simulation.world.numbers[chosen]
+        self.observer.border[chosen, 0] = 0.5 * numbers["arena_width"]
+        self.observer.border[chosen, 1] = 0.5 * numbers["arena_height"]
+        self.scorer.score(self.action, lanes, started=True)
+
+    def step(self, lanes: Ints | None = None) -> None:
+        """Carry out `action` for `hold` simulation steps in the named lanes (None: all), and score them.
+
+        Raises:
+            ValueError: an action that is no finite number.
+        """
+        if not self.action_map.fill(self.action, self._command):
+            raise ValueError(f"actions must be finite numbers in [-1, 1]; got {self.action.tolist()}")
+        self.simulation.advance(self._command, lanes)
+        for _ in range(1, self.hold):
+            self._go_on(lanes)
+        self.scorer.score(self.action, lanes)
+
+    def _go_on(self, lanes: Ints | None) -> None:
+        """Another simulation step of the same action, where the episode's steps are not used up."""
+        chosen = self._all if lanes is None else lanes
+        going = chosen[self.simulation.world.step_count[chosen] < self.max_steps]
+        if len(going):
+            self.simulation.advance(self._command, None if len(going) == self.num_lanes else going)
+
+    def observe(self) -> NDArray[np.float32]:
+        """[L, n] flat observations, a fresh array."""
+        return self.observer.observe(self.simulation.estimators[0].belief, self.simulation.world)
+
+    def get_state(self) -> dict[str, Any]:
+        """Everything that changes between calls, as copies."""
+        return {
+            "simulation": self.simulation.get_state(),
+            "scorer": self.scorer.get_state(),
+            "border": self.observer.border.copy(),
+            "action": self.action.copy(),
+        }
+
+    def set_state(self, state: Mapping[str, Any]) -> None:
+        """Restore what `get_state` returned."""
+        self.simulation.set_state(state["simulation"])
+        self.scorer.set_state(state["scorer"])
+        self.observer.border[:] = state["border"]
+        self.action[:] = state["action"]

@@ -1,0 +1,188 @@
+"""What is said of each lane after a step: reward terms, numbers and flags of info, ends of episodes."""
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from estimators.kernels.jit import jit
+from slam_gym import reward
+from slam_gym.metrics import LOST_AFTER, METRIC
+from slam_gym.observation import seen_now
+from slam_gym.scenario import Scenario
+from slam_gym.simulation import Simulation
+from slam_gym.world_state import COLLISIONS, POSE, SINCE_SEEN, STEP, TARGET_STATE, TOUCHING, VISIBLE
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+Bools = NDArray[np.bool_]
+
+NUM_METRICS = len(METRIC)
+NUMBERS = (
+    *(METRIC.names or ()),
+    *(f"reward_{name}" for name in reward.TERMS),
+    "target_distance", "time_since_seen", "collisions",
+)  # fmt: skip
+"""Info's numbers, in the order of `Scorer.values`; undefined ones (NaN) are left out of info."""
+FLAGS = ("target_seen", "target_visible", "target_lost", "in_collision", "outside", "captured", "is_success")
+
+_ROBOT_ERROR, _TARGET_ERROR, _TARGET_ERROR_REL, _LANDMARK_COUNT = (
+    (METRIC.names or ()).index(name) for name in ("robot_error", "target_error", "target_error_rel", "landmark_count")
+)
+_TERMS = NUM_METRICS
+_DISTANCE = _TERMS + len(reward.TERMS)
+_HAS_TARGET, _SWEEP, _DT, _MAX_STEPS, _CAPTURE, _OUTSIDE, _SUCCESS = range(7)  # of `settings`
+
+
+@dataclass(frozen=True, slots=True)
+class Ending:
+    """When an episode ends before its time, and what counts as a success.
+
+    Raises:
+        ValueError: a distance that is not positive.
+    """
+
+    terminate_on_capture: float | None = None  # [m] true distance of robot and target; None: never
+    terminate_outside: bool = False  # when the robot leaves the arena
+    success_error: float = 1.0  # [m] of the target's estimate (the robot's where there is no target)
+
+    def __post_init__(self) -> None:
+        for name in ("terminate_on_capture", "success_error"):
+            value = getattr(self, name)
+            if value is None and name == "terminate_on_capture":
+                continue
+            if isinstance(value, bool) or not isinstance(value, (int, float)) or not 0.0 < value < math.inf:
+                raise ValueError(f"{name} must be a positive number of metres; got {value!r}")
+        if not isinstance(self.terminate_outside, bool):
+            raise ValueError(f"terminate_outside must be True or False; got {self.terminate_outside!r}")
+
+
+@jit
+def _score(lanes, started, metrics, x, k, b, action, before, border, settings, weights, values, flags, paid, ended):
+    """Fill the rows of the lanes [n]; says whether every number of them is defined.
+
+    metrics [L, 13]; x, k, b: the world's blocks; action [L, 2]; before [L, 2]: landmarks mapped and collisions at the
+    last call; started: the lanes have just begun an episode, so their reward's terms are undefined;
+    values [L, NUMBERS], flags [L, FLAGS], paid [L], ended [2, L] (terminated, truncated): output.
+    """
+    has_target = settings[_HAS_TARGET] > 0.0
+    complete = True
+    for n in range(lanes.shape[0]):
+        lane = lanes[n]
+        at, body = k[POSE] + 3 * lane, k[TARGET_STATE] + 4 * lane
+        since, steps = x[k[SINCE_SEEN] + lane], k[k[STEP] + lane]
+        distance = math.hypot(x[body] - x[at], x[body + 1] - x[at + 1]) if has_target else math.nan
+        seen = has_target and seen_now(since, steps, settings[_SWEEP], settings[_DT])
+        lost = has_target and since > LOST_AFTER
+        mapped, collisions = metrics[lane, _LANDMARK_COUNT], float(k[k[COLLISIONS] + lane])
+        collided = collisions - before[lane, 1]
+        found = max(mapped - before[lane, 0], 0.0)
+        before[lane, 0], before[lane, 1] = max(mapped, 0.0), collisions
+        for i in range(NUM_METRICS):
+            values[lane, i] = metrics[lane, i]
+        term = reward.terms(
+            metrics[lane, _ROBOT_ERROR], metrics[lane, _TARGET_ERROR], metrics[lane, _TARGET_ERROR_REL], has_target,
+            seen, distance, found, collided, action[lane, 0], action[lane, 1],
+        )  # fmt: skip
+        total = 0.0
+        for i in range(weights.shape[0]):
+            total += weights[i] * term[i]
+            values[lane, _TERMS + i] = math.nan if started else term[i]
+        paid[lane] = 0.0 if started else total
+        values[lane, _DISTANCE] = distance
+        values[lane, _DISTANCE + 1] = since if has_target else math.nan
+        values[lane, _DISTANCE + 2] = collisions
+        outside = not (abs(x[at]) <= border[lane, 0] and abs(x[at + 1]) <= border[lane, 1])
+        captured = has_target and distance < settings[_CAPTURE]
+        error = metrics[lane, _TARGET_ERROR] if has_target else metrics[lane, _ROBOT_ERROR]
+        flags[lane, 0], flags[lane, 1], flags[lane, 2] = seen, b[k[VISIBLE] + lane], lost
+        flags[lane, 3], flags[lane, 4], flags[lane, 5] = b[k[TOUCHING] + lane], outside, captured
+        flags[lane, 6] = captured or (error < settings[_SUCCESS] and not lost)
+        ended[0, lane] = captured or (outside and settings[_OUTSIDE] > 0.0)
+        ended[1, lane] = steps >= settings[_MAX_STEPS]
+        for i in range(values.shape[1]):
+            if math.isnan(values[lane, i]):
+                complete = False
+    return complete
+
+
+class Scorer:
+    """Scores every lane after a step.
+
+    Args:
+        scenario, simulation: what is scored; the belief of its first estimator.
+        weights: [6] of the reward's terms.
+        ending: when episodes end.
+        border: [L, 2] half the arena's width and height [m].
+
+    Attributes:
+        values: [L, NUMBERS], NaN where undefined. flags: [L, FLAGS]. complete: whether the last call left no NaN.
+        reward: [L]. terminated, truncated: [L].
+        before: [L, 2] landmarks in the map and collisions at the last call.
+    """
+
+    def __init__(
+        self, scenario: Scenario, simulation: Simulation, weights: Floats, ending: Ending, border: Floats
+    ) -> None:
+        L = simulation.num_lanes
+        self.simulation, self.weights, self.border = simulation, weights, border
+        self.values: Floats = np.full((L, len(NUMBERS)), np.nan)
+        self.flags: Bools = np.zeros((L, len(FLAGS)), dtype=np.bool_)
+        self.reward: Floats = np.zeros(L)
+        self.ended: Bools = np.zeros((2, L), dtype=np.bool_)
+        self.terminated, self.truncated = self.ended
+        self.before: Floats = np.zeros((L, 2))
+        self.complete = False
+        self._all = np.arange(L)
+        capture = -1.0 if ending.terminate_on_capture is None else ending.terminate_on_capture
+        self.settings: Floats = np.array([
+            scenario.has_target, scenario.dt * scenario.sensor_period, scenario.dt, scenario.max_steps, capture,
+            ending.terminate_outside, ending.success_error,
+        ])  # fmt: skip
+        world = simulation.world
+        # A map without ids must be matched with the true one landmark by landmark: too slow for every step.
+        self._map = (world.landmarks, world.landmark_count) if world.labelled else (None, None)
+        self._metrics = simulation.meters[0].record.view(np.float64).reshape(L, -1)
+
+    def score(self, action: Floats, lanes: Ints | None = None, started: bool = False) -> None:
+        """Score the lanes [n] (None: all), which have taken `action` [L, 2] or have just begun an episode."""
+        simulation, world = self.simulation, self.simulation.world
+        if lanes is None:
+            lanes = self._all
+        if started:
+            self.before[lanes] = 0.0
+        simulation.meters[0].measure(
+            simulation.estimators[0].belief, world.pose, world.target if world.has_target else None, *self._map,
+            target_heading=world.target_heading, lanes=lanes,
+        )  # fmt: skip
+        self.complete = _score(
+            lanes, started, self._metrics, world.floats, world.integers, world.flags, action, self.before, self.border,
+            self.settings, self.weights, self.values, self.flags, self.reward, self.ended,
+        )  # fmt: skip
+
+    def get_state(self) -> dict[str, Any]:
+        """Scores and what they are counted from, as copies."""
+        return {name: getattr(self, name).copy() for name in ("values", "flags", "reward", "ended", "before")}
+
+    def set_state(self, state: Mapping[str, Any]) -> None:
+        """Restore what `get_state` returned."""
+        for name, array in state.items():
+            getattr(self, name)[...] = array
+        self.complete = not np.isnan(self.values).any()
+
+    def info(self, lane: int) -> dict[str, Any]:
+        """One lane's numbers and flags, without those undefined."""
+        row = self.values[lane].tolist()
+        if self.complete:
+            info: dict[str, Any] = dict(zip(NUMBERS, row, strict=True))
+        else:
+            info = {name: value for name, value in zip(NUMBERS, row, strict=True) if value == value}
+        info.update(zip(FLAGS, self.flags[lane].tolist(), strict=True))
+        world = self.simulation.world
+        info["robot_pose"] = world.pose[lane].copy()
+        if world.has_target:
+            info["target_state"] = world.target[lane].copy()
+        return info
