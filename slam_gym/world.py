@@ -51,6 +51,7 @@ class World:
         overflow: [L] returns that found no room in a sweep.
         step_count: [L] simulation steps of this episode. start_pose [L, 3], start_cov [L, 3, 3]: the filter's prior.
         numbers: [L] of `WORLD`, this episode's. key, episode: [L] that name its random draws.
+        floats, integers, flags: the blocks that all these lie in; see `world_state`.
         models_vary: whether `lane_models` differ between lanes or episodes.
     """
 
@@ -81,7 +82,6 @@ class World:
         self.dt, self.has_target = float(scenario.dt), scenario.has_target
         self.labelled = scenario.landmarks.labelled
         self._points = _map(scenario)
-        self._path = _path(scenario)
         self._ranges = Ranges(scenario)
         self._models = scenario.models()
         self._model_numbers = [
@@ -96,10 +96,16 @@ class World:
         self._sizes = _sizes(self.scenario, len(self._points))
         self.lanes: Ints = np.arange(L)
         self.numbers: NDArray[np.void] = np.repeat(self._ranges.record[None], L)
-        self._blocks = Blocks(L, *self._sizes)
+        self._blocks = Blocks(L, *self._sizes, _path(self.scenario))
+        self.floats, self.integers, self.flags = self._blocks.floats, self._blocks.integers, self._blocks.flags
         views = dict(self._blocks.views)
-        scan = [views.pop(name) for name in ("ranges", "bearings", "labels", "count")]
-        self.scan = Scan(*scan, np.ones(L, dtype=np.bool_))
+        self.scan = Scan(
+            ranges=views.pop("ranges"),
+            bearings=views.pop("bearings"),
+            labels=views.pop("labels"),
+            count=views.pop("count"),
+            complete=np.ones(L, dtype=np.bool_),
+        )
         for name, view in views.items():
             setattr(self, name, view)
         self.start_cov: Floats = np.zeros((L, 3, 3))
@@ -143,7 +149,7 @@ class World:
         for name in kept:
             self._blocks.views[name][lanes] = 0
         ranges.draw(self.numbers, lanes, self.key, self.episode)
-        begin(lanes, *self._arguments, self._points, self._path)
+        begin(lanes, *self._arguments, self._points)
         self._start_cov(lanes)
 
     def _start_cov(self, lanes: Ints) -> None:
@@ -163,14 +169,14 @@ class World:
         if self.threads > 1 and len(lanes) > 1:
             self._share(command, lanes)
         else:
-            step(lanes, command, *self._arguments, self._path)
+            step(lanes, command, *self._arguments)
 
     def _share(self, command: Floats, lanes: Ints) -> None:
         """Every thread takes a run of lanes; they touch nothing in common."""
         if self._pool is None:
             self._pool = ThreadPoolExecutor(self.threads, thread_name_prefix="slam-gym-world")
         parts: Sequence[Ints] = np.array_split(lanes, min(self.threads, len(lanes)))
-        list(self._pool.map(lambda part: step(part, command, *self._arguments, self._path), parts))
+        list(self._pool.map(lambda part: step(part, command, *self._arguments), parts))
 
     def target_start(self, lanes: Ints | None = None) -> tuple[Floats, Floats] | None:
         """The filter's prior of the target: mean [n, n_t] and covariance [n, n_t, n_t]; None where it is not told."""
@@ -251,7 +257,7 @@ def _map(scenario: Scenario) -> Floats:
 
 def _path(scenario: Scenario) -> Floats:
     if scenario.target.kind != "recorded":
-        return np.zeros((1, 3))
+        return np.zeros((0, 3))
     path = read_columns(scenario.target.file, ("time_s", "x_m", "y_m"))
     if not np.all(np.diff(path[:, 0]) > 0):
         raise ValueError(f"{scenario.target.file!r}: time_s must increase from row to row")

@@ -3,6 +3,7 @@
 import math
 
 from estimators.kernels.angles import wrap
+from estimators.kernels.borrow import borrow
 from estimators.kernels.jit import inline, jit
 from estimators.kernels.random import normal4, uniform4
 from slam_gym.world_geometry import cos_half_view, pushed_out, touching
@@ -42,15 +43,16 @@ START_TARGET_ITEM = 1  # item of the target's draws; item 0 is the robot's
 
 
 @jit
-def begin(lanes, numbers, x, k, b, points, path):
+def begin(lanes, numbers, x, k, b, points):
     """Place everything in the lanes [n]; points: [rows, 2] of a landmark file; the rest as in `world_step.step`."""
+    numbers, x, k, b, points = borrow(numbers), borrow(x), borrow(k), borrow(b), borrow(points)
     for n in range(lanes.shape[0]):
         lane = lanes[n]
         w = numbers[lane]
         _place_landmarks(lane, w, x, k, points)
         _place_robot(lane, w, x, k)
         if w.target_kind != NONE:
-            _place_target(lane, w, x, k, path)
+            _place_target(lane, w, x, k)
             robot, body = k[POSE] + 3 * lane, k[TARGET_STATE] + 4 * lane
             b[k[VISIBLE] + lane] = _sees(lane, w, x[robot], x[robot + 1], x[robot + 2], x[body], x[body + 1], x, k)
 
@@ -132,12 +134,12 @@ def _place_robot(lane, w, x, k):
 
 
 @inline
-def _place_target(lane, w, x, k, path):
+def _place_target(lane, w, x, k):
     """Where it stands, where it looks, and how fast it goes."""
     at = k[TARGET_STATE] + 4 * lane
     x[k[TARGET_HEADING] + lane] = wrap(w.target_start_heading)
     if w.target_kind == RECORDED:
-        follow_path(lane, w, 0, x, k, path)
+        follow_path(lane, w, 0, x, k)
         return
     if w.target_placed == FIXED:
         x[at], x[at + 1] = w.target_start_x, w.target_start_y

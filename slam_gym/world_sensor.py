@@ -6,6 +6,7 @@ from estimators.interface import TARGET, UNKNOWN
 from estimators.kernels.angles import wrap
 from estimators.kernels.jit import inline
 from estimators.kernels.random import uniform4
+from slam_gym.world_draws import normal_pair
 from slam_gym.world_geometry import cos_half_view, hidden, in_view
 from slam_gym.world_numbers import DRAW_CLUTTER, DRAW_SENSOR, NONE, QUADRATURE
 from slam_gym.world_state import (
@@ -54,18 +55,22 @@ def sense(lane, w, x, k, b):
         return
     if w.sensor_error_time_constant > 0.0:
         _correlate(lane, w, x, k)
-    first = k[NUM_LANDMARKS] * lane
+    count, last = k[k[COUNT] + lane], k[NUM_LANDMARKS]
     n = 0
-    for j in range(k[k[COUNT] + lane]):
-        mark = k[LANDMARKS] + 2 * (first + j)
-        if is_visible(lane, w, px, py, c, s, cos_half, x[mark], x[mark + 1], j, x, k):
-            n += _report(lane, n, j, j, w, x[mark] - px, x[mark + 1] - py, heading, x, k)
-    if visible:
-        last = k[NUM_LANDMARKS]
-        if _report(lane, n, TARGET_ITEM, last, w, x[body] - px, x[body + 1] - py, heading, x, k) == 1:
-            b[k[DETECTED] + lane] = True
-            x[k[SINCE_SEEN] + lane] = 0.0
-            n += 1
+    for j in range(count + 1):  # the landmarks, then the target
+        is_target = j == count
+        mark = body if is_target else k[LANDMARKS] + 2 * (last * lane + j)
+        if is_target:
+            seen = visible
+        else:
+            seen = is_visible(lane, w, px, py, c, s, cos_half, x[mark], x[mark + 1], j, x, k)
+        if seen:
+            item, row = (TARGET_ITEM, last) if is_target else (j, j)
+            told = _report(lane, n, item, row, w, x[mark] - px, x[mark + 1] - py, heading, x, k)
+            n += told
+            if is_target and told == 1:
+                b[k[DETECTED] + lane] = True
+                x[k[SINCE_SEEN] + lane] = 0.0
     k[k[RETURNS] + lane] = n + _clutter(lane, n, w, x, k) if w.sensor_clutter_rate > 0.0 else n
 
 
@@ -88,13 +93,6 @@ def _draw(lane, item, k):
 
 
 @inline
-def _normals(u0, u1):
-    """Two standard normals from two uniforms (Box and Muller)."""
-    r = math.sqrt(-2.0 * math.log(u0))
-    return r * math.cos(2.0 * math.pi * u1), r * math.sin(2.0 * math.pi * u1)
-
-
-@inline
 def _report(lane, n, item, row, w, dx, dy, heading, x, k):
     """Write the return of a source at (dx, dy) from the sensor as the n-th; 0 where it is missed, else 1.
 
@@ -107,7 +105,7 @@ def _report(lane, n, item, row, w, dx, dy, heading, x, k):
         at = k[ERRORS] + 2 * ((k[NUM_LANDMARKS] + 1) * lane + row)
         n0, n1 = x[at], x[at + 1]
     else:
-        n0, n1 = _normals(u0, u1)
+        n0, n1 = normal_pair(u0, u1)
     r = math.sqrt(dx * dx + dy * dy)
     constant, growing = w.sensor_range_std, w.sensor_range_std_per_range * r
     quadrature = w.sensor_range_law == QUADRATURE
@@ -143,7 +141,7 @@ def _correlate(lane, w, x, k):
     last = k[NUM_LANDMARKS]
     for row in range(last + 1):
         u0, u1, _, _ = _draw(lane, TARGET_ITEM if row == last else row, k)
-        n0, n1 = _normals(u0, u1)
+        n0, n1 = normal_pair(u0, u1)
         at = k[ERRORS] + 2 * ((last + 1) * lane + row)
         x[at] = f * x[at] + fresh * n0
         x[at + 1] = f * x[at + 1] + fresh * n1

@@ -5,6 +5,7 @@ Kernels find an array by its offset: the robot's x of one lane is `x[k[POSE] + 3
 floats and `k` the block of integers, which begins with the offsets.
 """
 
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -20,8 +21,12 @@ from numpy.typing import NDArray
     DUE, VISIBLE, DETECTED, TOUCHING,
     # sizes, not offsets: landmarks, returns and remembered commands per lane
     NUM_LANDMARKS, NUM_RETURNS, NUM_COMMANDS,
+    # shared by the lanes: a recorded target's path, and its rows
+    PATH, NUM_ROWS,
     HEAD,
-) = range(31)  # fmt: skip
+) = range(33)  # fmt: skip
+
+Floats = NDArray[np.float64]
 
 
 class Blocks:
@@ -29,13 +34,14 @@ class Blocks:
 
     Args:
         num_lanes: L. landmarks: N. returns: K, most in a sweep. commands: D, remembered for the delay.
+        path: [rows, 3] of a recorded target (time_s, x_m, y_m).
 
     Attributes:
         floats, integers, flags: the blocks.
         views: the arrays by name, each [L, ...].
     """
 
-    def __init__(self, num_lanes: int, landmarks: int, returns: int, commands: int) -> None:
+    def __init__(self, num_lanes: int, landmarks: int, returns: int, commands: int, path: Floats) -> None:
         N, K, D = landmarks, returns, commands
         floats = {
             "pose": (POSE, (3,)), "start_pose": (START_POSE, (3,)), "target": (TARGET_STATE, (4,)),
@@ -54,16 +60,17 @@ class Blocks:
             "in_collision": (TOUCHING, ()),
         }  # fmt: skip
         offsets = np.zeros(HEAD, dtype=np.int64)
-        offsets[[NUM_LANDMARKS, NUM_RETURNS, NUM_COMMANDS]] = N, K, D
+        offsets[[NUM_LANDMARKS, NUM_RETURNS, NUM_COMMANDS, NUM_ROWS]] = N, K, D, len(path)
         self.views: dict[str, NDArray[Any]] = {}
-        self.floats: NDArray[np.float64] = self._lay_out(floats, num_lanes, 0, np.float64, offsets)
+        self.floats: Floats = self._lay_out(floats, num_lanes, path.size, np.float64, offsets)
         self.integers: NDArray[np.int64] = self._lay_out(integers, num_lanes, HEAD, np.int64, offsets)
         self.flags: NDArray[np.bool_] = self._lay_out(flags, num_lanes, 0, np.bool_, offsets)
+        self.floats[: path.size] = path.ravel()
         self.integers[:HEAD] = offsets
         self.views["key"] = self.views["key"].view(np.uint64)
 
     def _lay_out(
-        self, arrays: dict[str, tuple[int, tuple[int, ...]]], num_lanes: int, first: int, kind: Any, offsets: Any
+        self, arrays: Mapping[str, tuple[int, tuple[int, ...]]], num_lanes: int, first: int, kind: Any, offsets: Any
     ) -> NDArray[Any]:
         """One block, its views and their offsets; the block begins with `first` elements of other use."""
         sizes = [num_lanes * int(np.prod(shape)) for _, shape in arrays.values()]

@@ -1,5 +1,6 @@
 """One step of the world, as one kernel call: robot, target, sensor."""
 
+from estimators.kernels.borrow import borrow
 from estimators.kernels.jit import jit
 from slam_gym.world_numbers import NONE
 from slam_gym.world_robot import move_robot
@@ -9,20 +10,20 @@ from slam_gym.world_target import move_target
 
 
 @jit
-def step(lanes, command, numbers, x, k, b, path):
+def step(lanes, command, numbers, x, k, b):
     """Advance the lanes [n] by dt and take the sweeps that are due.
 
     Args:
         command: [L, 2] (speed [m/s], turn rate [rad/s] or steering angle [rad]).
         numbers: [L] `WORLD`.
         x, k, b: the blocks of `world_state`.
-        path: [rows, 3] of a recorded target (time_s, x_m, y_m).
     """
+    numbers, command, x, k, b = borrow(numbers), borrow(command), borrow(x), borrow(k), borrow(b)
     for n in range(lanes.shape[0]):
         lane = lanes[n]
         w = numbers[lane]
         move_robot(lane, w, command, x, k, b)
         if w.target_kind != NONE:
-            move_target(lane, w, x, k, path)
+            move_target(lane, w, x, k)
         k[k[STEP] + lane] += 1
         sense(lane, w, x, k, b)

@@ -5,7 +5,8 @@ import math
 from estimators.kernels.angles import wrap
 from estimators.kernels.jit import inline
 from estimators.kernels.motion import unicycle
-from estimators.kernels.random import normal4, uniform4
+from estimators.kernels.random import uniform4
+from slam_gym.world_draws import normal_pair
 from slam_gym.world_geometry import pushed_out
 from slam_gym.world_numbers import CONSTANT_VELOCITY, DRAW_TARGET, EVASIVE, RECORDED, TWIST
 from slam_gym.world_state import (
@@ -15,6 +16,8 @@ from slam_gym.world_state import (
     KEY,
     LANDMARKS,
     NUM_LANDMARKS,
+    NUM_ROWS,
+    PATH,
     POSE,
     RADIUS,
     STEP,
@@ -29,20 +32,23 @@ SIDE_STEPS = 12  # ways that it looks at, alternately left and right
 
 
 @inline
-def move_target(lane, w, x, k, path):
+def move_target(lane, w, x, k):
     """Advance the target by dt: x, y, velocity and heading."""
+    step = k[k[STEP] + lane]
     if w.target_kind == RECORDED:
-        follow_path(lane, w, k[k[STEP] + lane] + 1, x, k, path)
-    elif w.target_kind == CONSTANT_VELOCITY:
-        _drift(lane, w, x, k)
+        follow_path(lane, w, step + 1, x, k)
+        return
+    u0, u1, u2, _ = uniform4(k[k[KEY] + lane], k[k[EPISODE] + lane], step, DRAW_TARGET, 0)
+    if w.target_kind == CONSTANT_VELOCITY:
+        _drift(lane, w, u0, u1, x, k)
     else:
-        _drive(lane, w, x, k)
+        _drive(lane, w, u0, u1, u2, x, k)
 
 
 @inline
-def _drift(lane, w, x, k):
+def _drift(lane, w, u0, u1, x, k):
     """Straight on; white acceleration changes the velocity, and walls reflect it."""
-    n0, n1, _, _ = normal4(k[k[KEY] + lane], k[k[EPISODE] + lane], k[k[STEP] + lane], DRAW_TARGET, 0)
+    n0, n1 = normal_pair(u0, u1)
     at = k[TARGET_STATE] + 4 * lane
     kick = w.target_acceleration_density * math.sqrt(w.dt)
     px, py, mirror_x, mirror_y = _inside(w, x[at] + w.dt * x[at + 2], x[at + 1] + w.dt * x[at + 3])
@@ -53,15 +59,15 @@ def _drift(lane, w, x, k):
 
 
 @inline
-def _drive(lane, w, x, k):
+def _drive(lane, w, u0, u1, u2, x, k):
     """A unicycle: with a constant twist and noise, Eq. (17) of Wu and Sun 2013, or steering to where it wants."""
     at = k[TARGET_STATE] + 4 * lane
     heading = x[k[TARGET_HEADING] + lane]
     if w.target_kind == TWIST:
-        n0, n1, _, _ = normal4(k[k[KEY] + lane], k[k[EPISODE] + lane], k[k[STEP] + lane], DRAW_TARGET, 0)
+        n0, n1 = normal_pair(u0, u1)
         v, turn = w.target_speed + w.target_speed_std * n0, w.target_turn_rate + w.target_turn_std * n1
     else:
-        off = wrap(_wanted_heading(lane, w, x, k) - heading)
+        off = wrap(_wanted_heading(lane, w, u0, u1, u2, x, k) - heading)
         v, turn = w.target_speed, min(max(off / w.dt, -w.target_turn_max), w.target_turn_max)
     dx, dy, dphi = unicycle(v, turn, w.dt, heading)
     px, py, mirror_x, mirror_y = _inside(w, x[at] + dx, x[at + 1] + dy)
@@ -77,13 +83,15 @@ def _drive(lane, w, x, k):
 
 
 @inline
-def _wanted_heading(lane, w, x, k):
+def _wanted_heading(lane, w, u0, u1, u2, x, k):
     """Towards the waypoint, which changes at random or when reached; away from a near robot if it flees."""
     at, goal, robot = k[TARGET_STATE] + 4 * lane, k[GOAL] + 2 * lane, k[POSE] + 3 * lane
-    step = k[k[STEP] + lane]
-    u0, u1, u2, _ = uniform4(k[k[KEY] + lane], k[k[EPISODE] + lane], step, DRAW_TARGET, 0)
     gx, gy = x[goal] - x[at], x[goal + 1] - x[at + 1]
-    if step == 0 or gx * gx + gy * gy < ARRIVED * ARRIVED or u2 < -math.expm1(-w.target_waypoint_rate * w.dt):
+    if (
+        k[k[STEP] + lane] == 0
+        or gx * gx + gy * gy < ARRIVED * ARRIVED
+        or u2 < -math.expm1(-w.target_waypoint_rate * w.dt)
+    ):
         gx, gy = (u0 - 0.5) * w.arena_width, (u1 - 0.5) * w.arena_height
         if w.landmarks_radius > 0.0:
             first = k[NUM_LANDMARKS] * lane
@@ -129,23 +137,23 @@ def _out_of_pillars(lane, w, px, py, x, k):
 
 
 @inline
-def follow_path(lane, w, step, x, k, path):
-    """Where the recorded rows [n, 3] (time_s, x_m, y_m) are at the end of that step; it rests at the last."""
-    t = step * w.dt + path[0, 0]
-    low, high = 0, path.shape[0] - 1
+def follow_path(lane, w, step, x, k):
+    """Where the recorded rows (time_s, x_m, y_m) are at the end of that step; it rests at the last."""
+    path, low, high = k[PATH], 0, k[NUM_ROWS] - 1
+    t = step * w.dt + x[path]
     while high - low > 1:
         half = (low + high) // 2
-        if path[half, 0] <= t:
+        if x[path + 3 * half] <= t:
             low = half
         else:
             high = half
-    at = k[TARGET_STATE] + 4 * lane
-    span = path[high, 0] - path[low, 0]
-    if t >= path[high, 0] or span == 0.0:
-        x[at], x[at + 1], x[at + 2], x[at + 3] = path[high, 1], path[high, 2], 0.0, 0.0
+    at, before, after = k[TARGET_STATE] + 4 * lane, path + 3 * low, path + 3 * high
+    if t >= x[after]:
+        x[at], x[at + 1], x[at + 2], x[at + 3] = x[after + 1], x[after + 2], 0.0, 0.0
         return
-    vx, vy = (path[high, 1] - path[low, 1]) / span, (path[high, 2] - path[low, 2]) / span
-    x[at], x[at + 1] = path[low, 1] + vx * (t - path[low, 0]), path[low, 2] + vy * (t - path[low, 0])
+    span = x[after] - x[before]
+    vx, vy = (x[after + 1] - x[before + 1]) / span, (x[after + 2] - x[before + 2]) / span
+    x[at], x[at + 1] = x[before + 1] + vx * (t - x[before]), x[before + 2] + vy * (t - x[before])
     x[at + 2], x[at + 3] = vx, vy
     if vx != 0.0 or vy != 0.0:
         x[k[TARGET_HEADING] + lane] = wrap(math.atan2(vy, vx))
