@@ -9,7 +9,9 @@ from slam_gym.evaluation import compare
 
 
 def main(runs=20, steps=400):
-    results = compare("default", ["ekf", "fej-ekf", "dead-reckoning"], ["pursuit"], runs=runs, steps=steps, seed=1)
+    jobs = None if runs > 10 else 1  # None: a process per CPU, which pays only when there is enough to do
+    names = ["ekf", "fej-ekf", "dead-reckoning"]
+    results = compare("default", names, ["pursuit"], runs=runs, steps=steps, seed=1, jobs=jobs)
 
     columns = ["estimator", "robot_error_rmse", "target_error_rmse", "pose_nees_mean", "pose_nees_in95_run"]
     print(results.summary[columns].to_string(index=False, float_format="{:.3f}".format))

@@ -15,8 +15,6 @@ from slam_gym.evaluation import compare
 class FrozenMap(SingleLaneEstimator):
     """Forgets that a map is only as good as the pose was when it was made: watch its NEES."""
 
-    name = "frozen-map"
-
     def reset_one(self, models, pose, pose_cov, seed, target, target_cov):
         known = None if target is None else (target[:2], target_cov[:2, :2])
         return {"pose": pose, "cov": pose_cov, "map": {}, "target": known, "overflow": 0}

@@ -73,6 +73,13 @@ class Episode:
         """[s] since the start."""
         return self.step_count * self.context.step_dt
 
+    def warm_up(self) -> None:
+        """Load or compile whatever a step needs, then start anew: no pause later."""
+        for _ in range(2 * self.scenario.sensor_period + 1):
+            self.step()
+        self.simulation.measure()
+        self.reset(self.seed)
+
     def step(self, command: Floats | None = None) -> None:
         """One simulation step; command [1, 2], physical: drive so instead of asking the policy."""
         if command is not None:

@@ -28,10 +28,11 @@ COLUMNS = (
     ("target\nNEES", "target_nees", "median", "{:.2f}"),
 )
 CAPTION = (
-    "Errors: root mean square over the episode (relative: of the target in the robot's frame; map: at the end). "
-    "NEES: median, an honest filter has 2.4 (pose) and 1.4 (target); in 95 %: share of steps with the pose's NEES "
-    "inside its bounds."
+    "Errors: root mean square over the episode{relative}; map: at the end. NEES: median, an honest filter has 2.4 "
+    "(pose){target}; in 95 %: share of steps with the pose's NEES inside its bounds."
 )
+TARGET_CAPTION = {"relative": "; relative: of the target in the robot's frame", "target": " and 1.4 (target)"}
+NO_TARGET_CAPTION = {"relative": "", "target": ""}
 
 
 class EpisodeLog:
@@ -65,10 +66,11 @@ class EpisodeLog:
         episode, metrics = self.episode, self.metrics[self.episode.scenario.burn_in :]
         drive = episode.policy_name.partition(":")[0]
         title = f"{episode.scenario.name}, policy {drive}, seed {episode.seed}, {episode.time:.1f} s"
-        table = Table(title=title, title_justify="left", title_style="bold", caption=CAPTION, caption_justify="left",
+        has_target = episode.simulation.world.has_target
+        caption = CAPTION.format(**(TARGET_CAPTION if has_target else NO_TARGET_CAPTION))
+        table = Table(title=title, title_justify="left", title_style="bold", caption=caption, caption_justify="left",
                       box=None, padding=(0, 1), collapse_padding=True, pad_edge=False)  # fmt: skip
         table.add_column("estimator", no_wrap=True, max_width=NAME_WIDTH)
-        has_target = episode.simulation.world.has_target
         columns = [c for c in COLUMNS if has_target or not c[1].startswith("target")]
         for heading in (*(c[0] for c in columns), "in 95 %"):
             table.add_column(escape(heading), justify="right", no_wrap=True)

@@ -124,7 +124,7 @@ class Panel:
             if y + step > self.area.bottom:
                 break
             text(surface, key, (self.left, y), INK, small, bold=True)
-            place = (self.left + 5.2 * small, y)
+            place = (self.left + 5.7 * small, y)
             text(surface, meaning, place, FAINT, small, max_width=self.right - place[0])
             y += step
 

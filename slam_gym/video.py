@@ -1,5 +1,6 @@
 """Write pictures to a file as they come: MP4 through ffmpeg, GIF without any further package."""
 
+from collections.abc import Sequence
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
@@ -8,6 +9,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 KINDS = (".mp4", ".gif")
+
+
+def check_file(file: Path, what: str, kinds: Sequence[str]) -> None:
+    """Refuse early what could not be written late.
+
+    Raises:
+        ValueError: another kind of file, or a folder that does not exist.
+    """
+    if file.suffix not in kinds:
+        raise ValueError(f"a {what} is {' or '.join(kinds)}; got {str(file)!r}")
+    if not file.parent.is_dir():
+        raise ValueError(f"the folder {str(file.parent)!r} does not exist; make it first")
 
 
 class VideoWriter:
@@ -25,10 +38,7 @@ class VideoWriter:
 
     def __init__(self, file: Path, size: tuple[int, int], fps: float) -> None:
         self.file, self.fps = Path(file), fps
-        if self.file.suffix not in KINDS:
-            raise ValueError(f"a video is {' or '.join(KINDS)}; got {str(file)!r}")
-        if not self.file.parent.is_dir():
-            raise ValueError(f"the folder {str(self.file.parent)!r} does not exist; make it first")
+        check_file(self.file, "video", KINDS)
         self._pictures: list[Any] = []
         self._pipe: Any = None
         if self.file.suffix == ".mp4":

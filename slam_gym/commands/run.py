@@ -62,8 +62,7 @@ class Run:
         from slam_gym.scenario import Scenario
         from slam_gym.specs import parse_settings
 
-        if not self.speed > 0.0:
-            raise ValueError(f"--speed must be positive; got {self.speed}")
+        self._check()
         overrides = parse_settings(self.set)
         if self.steps is not None:
             overrides["max_steps"] = self.steps
@@ -79,6 +78,17 @@ class Run:
         for file in self._write(log, renderer):
             console.print(f"Wrote {file}")
         return 0
+
+    def _check(self) -> None:
+        """What would otherwise fail only when all is done."""
+        from slam_gym.video import check_file
+
+        if not self.speed > 0.0:
+            raise ValueError(f"--speed must be positive; got {self.speed}")
+        if self.png is not None:
+            check_file(self.png, "picture", (".png", ".jpg"))
+        if self.plot is not None:
+            check_file(self.plot, "figure", (".png", ".pdf", ".svg"))
 
     def _steps(self, episode: "Episode", renderer: "Renderer | None", video: "VideoWriter | None") -> "Iterator[None]":
         """Step to the end, drawing what has to be drawn."""

@@ -46,6 +46,8 @@ class Watch:
         scenario = Scenario.load(self.scenario, **parse_settings(self.set))
         episode = Episode(scenario, self.estimators, policy=self.policy, seed=self.seed)
         check_display()
+        print("Loading (the first time compiles: up to a minute) ...", flush=True)
+        episode.warm_up()
         renderer = Renderer("human", self.size, title=f"slam-gym: {scenario.name}", fps=FPS)
         try:
             Viewer(episode, renderer, self.folder).loop()
