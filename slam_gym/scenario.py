@@ -124,7 +124,8 @@ class Landmarks:
     center_x: Number = number(0.0)  # [m], of the region, ring or grid
     center_y: Number = number(0.0)  # [m]
     ring_radius: Number = number(8.0, 0.0)  # [m]
-    ring_width: Number = number(0.0, 0.0)  # [m] either side of the ring's radius
+    ring_width: Number = number(0.0, 0.0)  # [m] at most either side of the ring's radius, by turns
+    ring_gap: Number = number(0.0, 0.0)  # [m] at least, at most ring_width
     clusters: Number = number(4, 1, whole=True)
     cluster_std: Number = number(1.0, 0.0)  # [m] per axis about a cluster's centre
     file: str = ""  # CSV with the columns x_m and y_m; a bare name is one of this package's own

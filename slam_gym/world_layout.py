@@ -6,12 +6,11 @@ from estimators.kernels.angles import wrap
 from estimators.kernels.borrow import borrow
 from estimators.kernels.jit import inline, jit
 from estimators.kernels.random import normal4, uniform4
+from slam_gym.world_draws import CLUSTER_ITEM, DRAW_LAYOUT, DRAW_START, FIRST, NOBODY, TARGET_ITEM
 from slam_gym.world_geometry import cos_half_view, pushed_out, touching
 from slam_gym.world_numbers import (
     ANYWHERE,
     CLUSTERED,
-    DRAW_LAYOUT,
-    DRAW_START,
     FILE,
     FIXED,
     GRID,
@@ -38,8 +37,6 @@ from slam_gym.world_state import (
 from slam_gym.world_target import follow_path
 
 TRIES = 100  # places tried before a wish (a free gap, a visible target) is given up
-CLUSTER_ITEM = 1 << 20  # items of the cluster centres' draws, beyond any landmark's
-START_TARGET_ITEM = 1  # item of the target's draws; item 0 is the robot's
 
 
 @jit
@@ -91,13 +88,13 @@ def _candidate(j, attempt, count, w, key, episode):
         px = ((2.0 * (j % columns) + 1.0) / columns - 1.0) * half_x
         py = ((2.0 * (j // columns) + 1.0) / rows - 1.0) * half_y
     elif w.landmarks_layout == RING:
-        inner = max(0.0, w.landmarks_ring_radius - w.landmarks_ring_width)
-        outer = w.landmarks_ring_radius + w.landmarks_ring_width
-        r = math.sqrt(inner * inner + u0 * (outer * outer - inner * inner))  # uniform over the area
-        px, py = r * math.cos(2.0 * math.pi * u1), r * math.sin(2.0 * math.pi * u1)
+        side = 1.0 if j % 2 == 0 else -1.0  # by turns outside and inside, so that no stretch of the ring is bare
+        aside = w.landmarks_ring_gap + u0 * (w.landmarks_ring_width - w.landmarks_ring_gap)
+        r = max(0.0, w.landmarks_ring_radius + side * aside)
+        px, py = r * math.cos(2.0 * math.pi * j / count), r * math.sin(2.0 * math.pi * j / count)
     elif w.landmarks_layout == CLUSTERED:
         cluster = min(int(u2 * w.landmarks_clusters), int(w.landmarks_clusters) - 1)
-        c0, c1, _, _ = uniform4(key, episode, 0, DRAW_LAYOUT, CLUSTER_ITEM + cluster)
+        c0, c1, _, _ = uniform4(key, episode, FIRST, DRAW_LAYOUT, CLUSTER_ITEM + cluster)
         n0, n1, _, _ = normal4(key, episode, attempt, DRAW_LAYOUT, 2 * CLUSTER_ITEM + j)
         px = (2.0 * c0 - 1.0) * half_x + w.landmarks_cluster_std * n0
         py = (2.0 * c1 - 1.0) * half_y + w.landmarks_cluster_std * n1
@@ -124,7 +121,7 @@ def _place_robot(lane, w, x, k):
     """The start that the filter is told, and the true one about it."""
     told, at = k[START_POSE] + 3 * lane, k[POSE] + 3 * lane
     x[told], x[told + 1], x[told + 2] = w.robot_start_x, w.robot_start_y, wrap(w.robot_start_heading)
-    n0, n1, n2, _ = normal4(k[k[KEY] + lane], k[k[EPISODE] + lane], 0, DRAW_START, 0)
+    n0, n1, n2, _ = normal4(k[k[KEY] + lane], k[k[EPISODE] + lane], FIRST, DRAW_START, FIRST)
     if w.robot_start_noise == ONE_SIGMA:
         way = x[told + 2] + w.robot_start_heading_std
         n0, n1, n2 = math.cos(way), math.sin(way), 1.0
@@ -139,7 +136,7 @@ def _place_target(lane, w, x, k):
     at = k[TARGET_STATE] + 4 * lane
     x[k[TARGET_HEADING] + lane] = wrap(w.target_start_heading)
     if w.target_kind == RECORDED:
-        follow_path(lane, w, 0, x, k)
+        follow_path(lane, w, FIRST, x, k)
         return
     if w.target_placed == FIXED:
         x[at], x[at + 1] = w.target_start_x, w.target_start_y
@@ -157,7 +154,7 @@ def _target_place(lane, w, x, k):
     half_x, half_y = 0.5 * w.arena_width, 0.5 * w.arena_height
     px, py = x[robot], x[robot + 1]
     for attempt in range(2 * TRIES):
-        u0, u1, _, _ = uniform4(k[k[KEY] + lane], k[k[EPISODE] + lane], attempt, DRAW_START, START_TARGET_ITEM)
+        u0, u1, _, _ = uniform4(k[k[KEY] + lane], k[k[EPISODE] + lane], attempt, DRAW_START, TARGET_ITEM)
         low, high = w.target_start_distance_low, w.target_start_distance_high
         distance = low + u0 * (high - low)
         low, high = w.target_start_bearing_low, w.target_start_bearing_high
@@ -181,4 +178,4 @@ def _target_place(lane, w, x, k):
 def _sees(lane, w, from_x, from_y, heading, to_x, to_y, x, k):
     """Whether the robot's sensor at that pose sees that point."""
     c, s, cos_half = math.cos(heading), math.sin(heading), cos_half_view(w.sensor_field_of_view)
-    return is_visible(lane, w, from_x, from_y, c, s, cos_half, to_x, to_y, -1, x, k)
+    return is_visible(lane, w, from_x, from_y, c, s, cos_half, to_x, to_y, NOBODY, x, k)

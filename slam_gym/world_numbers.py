@@ -13,11 +13,10 @@ from estimators.models import MotionModel, SensorModel
 from estimators.registry import unknown_name
 from slam_gym.scenario import Arena, Landmarks, Robot, Scenario, Sensor, Target
 from slam_gym.scenario_fields import is_number, low_high
+from slam_gym.world_draws import DRAW_RANGES, FIRST
 
 SECTIONS = {"arena": Arena, "robot": Robot, "target": Target, "landmarks": Landmarks, "sensor": Sensor}
 
-# Purposes of the random draws: streams that never mix.
-DRAW_RANGES, DRAW_LAYOUT, DRAW_START, DRAW_ROBOT, DRAW_TARGET, DRAW_SENSOR, DRAW_CLUTTER = range(7)
 
 ROBOT_KINDS = ("unicycle", "bicycle")
 UNICYCLE, BICYCLE = range(2)
@@ -41,6 +40,12 @@ SUM, QUADRATURE = range(2)
 NUMBERS = tuple(
     (f"{section}_{f.name}", section, f.name) for section, kind in SECTIONS.items() for f in fields(kind) if is_number(f)
 )
+_WHOLE = {
+    f"{section}_{f.name}": f.metadata["whole"]
+    for section, kind in SECTIONS.items()
+    for f in fields(kind)
+    if is_number(f)
+}
 _DOTTED = [f"{section}.{field}" for _, section, field in NUMBERS]
 WORDS = (
     ("robot_kind", "robot.kind", ROBOT_KINDS),
@@ -138,7 +143,7 @@ class Ranges:
             if name in DRAWN_AGAIN:
                 self.record[f"{name}_low"], self.record[f"{name}_high"] = low, high
             elif low < high:
-                rows.append((i, low, high, SECTIONS[section].__dataclass_fields__[field].metadata["whole"]))
+                rows.append((i, low, high, _WHOLE[name]))
         self.index = np.array([row[0] for row in rows], dtype=np.int64)
         self.low = np.array([row[1] for row in rows], dtype=np.float64)
         self.high = np.array([row[2] for row in rows], dtype=np.float64)
@@ -149,7 +154,7 @@ class Ranges:
         numbers[lanes] = self.record
         if len(self.index):
             values = numbers.view(np.float64).reshape(len(numbers), -1)
-            _draw(values, lanes, key, episode, self.index, self.low, self.high, self.whole)
+            _draw(values, lanes, key.view(np.int64), episode, self.index, self.low, self.high, self.whole)
 
 
 @jit
@@ -158,7 +163,7 @@ def _draw(values, lanes, key, episode, index, low, high, whole):
     for n in range(lanes.shape[0]):
         lane = lanes[n]
         for i in range(index.shape[0]):
-            u = uniform4(key[lane], episode[lane], 0, DRAW_RANGES, index[i])[0]
+            u = uniform4(key[lane], episode[lane], FIRST, DRAW_RANGES, index[i])[0]
             if whole[i]:
                 values[lane, index[i]] = low[i] + np.floor(u * (high[i] - low[i] + 1.0))
             else:

@@ -6,9 +6,9 @@ from estimators.kernels.angles import wrap
 from estimators.kernels.jit import inline
 from estimators.kernels.motion import bicycle, unicycle
 from estimators.kernels.random import uniform4
-from slam_gym.world_draws import normal_pair
+from slam_gym.world_draws import DRAW_ROBOT, FIRST, normal_pair
 from slam_gym.world_geometry import pushed_out, touching
-from slam_gym.world_numbers import BICYCLE, BLOCK, DRAW_ROBOT, NO_COLLISION, ON_ODOMETRY, ROOT_SECOND
+from slam_gym.world_numbers import BICYCLE, BLOCK, NO_COLLISION, ON_ODOMETRY, ROOT_SECOND
 from slam_gym.world_state import (
     COLLISIONS,
     COUNT,
@@ -88,7 +88,7 @@ def _executed(lane, w, speed, turn, x, k):
 @inline
 def _disturbance(lane, w, v, s, k):
     """This step's errors of the two rates; see `MotionModel` for the noise laws."""
-    u0, u1, _, _ = uniform4(k[k[KEY] + lane], k[k[EPISODE] + lane], k[k[STEP] + lane], DRAW_ROBOT, 0)
+    u0, u1, _, _ = uniform4(k[k[KEY] + lane], k[k[EPISODE] + lane], k[k[STEP] + lane], DRAW_ROBOT, FIRST)
     n0, n1 = normal_pair(u0, u1)
     speed_std = w.robot_speed_std + w.robot_speed_std_per_speed * abs(v)
     turn_std = w.robot_turn_std + w.robot_turn_std_per_turn * abs(s) + w.robot_turn_std_per_speed * abs(v)

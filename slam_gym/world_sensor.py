@@ -6,9 +6,9 @@ from estimators.interface import TARGET, UNKNOWN
 from estimators.kernels.angles import wrap
 from estimators.kernels.jit import inline
 from estimators.kernels.random import uniform4
-from slam_gym.world_draws import normal_pair
+from slam_gym.world_draws import DRAW_CLUTTER, DRAW_SENSOR, FIRST, NOBODY, TARGET_ITEM, normal_pair
 from slam_gym.world_geometry import cos_half_view, hidden, in_view
-from slam_gym.world_numbers import DRAW_CLUTTER, DRAW_SENSOR, NONE, QUADRATURE
+from slam_gym.world_numbers import NONE, QUADRATURE
 from slam_gym.world_state import (
     BEARINGS,
     COUNT,
@@ -35,7 +35,6 @@ from slam_gym.world_state import (
 
 FALSE_ALARM = -1  # `origin` of a return that nothing caused
 MIN_RETURN = 1e-3  # [m], noise never reports less
-TARGET_ITEM = 1 << 20  # item of the target's draws; a landmark's is its index
 
 
 @inline
@@ -45,7 +44,7 @@ def sense(lane, w, x, k, b):
     px, py, heading = x[at], x[at + 1], x[at + 2]
     c, s, cos_half = math.cos(heading), math.sin(heading), cos_half_view(w.sensor_field_of_view)
     body = k[TARGET_STATE] + 4 * lane
-    visible = w.target_kind != NONE and is_visible(lane, w, px, py, c, s, cos_half, x[body], x[body + 1], -1, x, k)
+    visible = w.target_kind != NONE and is_visible(lane, w, px, py, c, s, cos_half, x[body], x[body + 1], NOBODY, x, k)
     b[k[VISIBLE] + lane] = visible
     b[k[DETECTED] + lane] = False
     x[k[SINCE_SEEN] + lane] += w.dt
@@ -56,7 +55,7 @@ def sense(lane, w, x, k, b):
     if w.sensor_error_time_constant > 0.0:
         _correlate(lane, w, x, k)
     count, last = k[k[COUNT] + lane], k[NUM_LANDMARKS]
-    n = 0
+    n = FIRST
     for j in range(count + 1):  # the landmarks, then the target
         is_target = j == count
         mark = body if is_target else k[LANDMARKS] + 2 * (last * lane + j)
@@ -151,7 +150,7 @@ def _correlate(lane, w, x, k):
 def _clutter(lane, n, w, x, k):
     """Write false returns from the n-th on, Poisson in number, uniform over the area swept; says how many."""
     key, episode, step = k[k[KEY] + lane], k[k[EPISODE] + lane], k[k[STEP] + lane]
-    u0, _, _, _ = uniform4(key, episode, step, DRAW_CLUTTER, 0)
+    u0, _, _, _ = uniform4(key, episode, step, DRAW_CLUTTER, FIRST)
     probability = math.exp(-w.sensor_clutter_rate)
     total, number = probability, 0
     while u0 > total and probability > 0.0:

@@ -6,9 +6,9 @@ from estimators.kernels.angles import wrap
 from estimators.kernels.jit import inline
 from estimators.kernels.motion import unicycle
 from estimators.kernels.random import uniform4
-from slam_gym.world_draws import normal_pair
+from slam_gym.world_draws import DRAW_TARGET, FIRST, normal_pair
 from slam_gym.world_geometry import pushed_out
-from slam_gym.world_numbers import CONSTANT_VELOCITY, DRAW_TARGET, EVASIVE, RECORDED, TWIST
+from slam_gym.world_numbers import CONSTANT_VELOCITY, EVASIVE, RECORDED, TWIST
 from slam_gym.world_state import (
     COUNT,
     EPISODE,
@@ -38,7 +38,7 @@ def move_target(lane, w, x, k):
     if w.target_kind == RECORDED:
         follow_path(lane, w, step + 1, x, k)
         return
-    u0, u1, u2, _ = uniform4(k[k[KEY] + lane], k[k[EPISODE] + lane], step, DRAW_TARGET, 0)
+    u0, u1, u2, _ = uniform4(k[k[KEY] + lane], k[k[EPISODE] + lane], step, DRAW_TARGET, FIRST)
     if w.target_kind == CONSTANT_VELOCITY:
         _drift(lane, w, u0, u1, x, k)
     else:

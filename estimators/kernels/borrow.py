@@ -11,8 +11,7 @@ from numba.core import cgutils
 from numba.extending import intrinsic
 
 
-@intrinsic  # type: ignore[untyped-decorator, unused-ignore]
-def borrow(typingctx: Any, array: Any) -> Any:
+def _borrow(typingctx: Any, array: Any) -> Any:
     """The same array without its owner; valid as long as the original is."""
 
     def generate(context: Any, builder: Any, signature: Any, args: Any) -> Any:
@@ -22,3 +21,6 @@ def borrow(typingctx: Any, array: Any) -> Any:
         return mine._getvalue()
 
     return array(array), generate
+
+
+borrow: Any = intrinsic(_borrow)
