@@ -21,7 +21,11 @@ _BUILT_IN = {
     "fej-ekf": "estimators.gaussian.fej:FEJEKF",
     "ri-ekf": "estimators.gaussian.invariant:RIEKF",
     "cdkf": "estimators.gaussian.sigma_point:CDKF",
+    "ri-cdkf": "estimators.gaussian.invariant_points:RICDKF",
+    "ri-taylor-ekf": "estimators.gaussian.invariant_points:RITaylorEKF",
     "slamto": "estimators.particle.slamto:SLAMTO",
+    "fastslam1": "estimators.particle.fastslam:FastSLAM1",
+    "fastslam2": "estimators.particle.fastslam:FastSLAM2",
     "independent": "estimators.independent:Independent",
 }
 _registered: dict[str, type[Estimator]] = {}

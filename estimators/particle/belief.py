@@ -18,17 +18,17 @@ from estimators.particle.proposal import trigonometry
 
 
 @jit
-def fill_pose_lanes(pose, w, scratch, mean, cov):
+def fill_pose_lanes(pose, pose_cov, w, scratch, mean, cov):
     """Pose [L, 3] and covariance [L, 3, 3]."""
     for lane in range(pose.shape[0]):
         trigonometry(pose[lane, 2], scratch[0], scratch[1])
-        pose_moments(pose[lane], w[lane], scratch[0], scratch[1], scratch[2:5], mean[lane], cov[lane])
+        pose_moments(pose[lane], pose_cov[lane], w[lane], scratch[0], scratch[1], scratch[2:5], mean[lane], cov[lane])
 
 
 @jit
 def fill_target_lanes(
-    models, state, pose, target, log_hypothesis, w, scratch, known, mean, cov, velocity, velocity_cov, heading,
-    heading_var, relative, relative_cov, relative_velocity,
+    models, state, pose, pose_cov, target, log_hypothesis, w, scratch, known, mean, cov, velocity, velocity_cov,
+    heading, heading_var, relative, relative_cov, relative_velocity,
 ):  # fmt: skip
     """The target's buffers (see `Belief`), zero on entry: they stay so where it is not known."""
     cosine, sine, work, share = scratch[0], scratch[1], scratch[2:8], scratch[8:16]
@@ -44,8 +44,8 @@ def fill_target_lanes(
         target_moments(cloud, hypotheses, share, twist, work, mean[lane], cov[lane])
         a, b, c = (3, 4, 6) if twist else (4, 5, 8)
         relative_moments(
-            cloud[:, 0], cloud[:, 1], cloud[:, a], cloud[:, b], cloud[:, c], hypotheses, share, pose[lane], cosine,
-            sine, work, relative[lane], relative_cov[lane],
+            cloud[:, 0], cloud[:, 1], cloud[:, a], cloud[:, b], cloud[:, c], hypotheses, share, pose[lane],
+            pose_cov[lane], cosine, sine, work, relative[lane], relative_cov[lane],
         )  # fmt: skip
         if twist:
             velocity_moments(
@@ -66,8 +66,9 @@ def fill_target_lanes(
 
 @jit
 def fill_map_lanes(
-    state, ids, used, pose, maps, w, own_maps, scratch, count, out_ids, mapped, mean, cov, relative, relative_cov
-):
+    state, ids, used, pose, pose_cov, maps, w, own_maps, scratch, count, out_ids, mapped, mean, cov, relative,
+    relative_cov,
+):  # fmt: skip
     """The map's buffers (see `Belief`), empty on entry.
 
     own_maps: whether each particle has a map of its own (the heaviest particle's is shown) or columns are shared.
@@ -88,6 +89,6 @@ def fill_map_lanes(
             m, column = maps[lane, j], maps[lane, j : j + 1]
             landmark_moments(m[0], m[1], m[2], m[3], m[4], weights[0], work, mean[lane, j], cov[lane, j])
             relative_moments(
-                column[:, 0], column[:, 1], column[:, 2], column[:, 3], column[:, 4], 1, weights, pose[lane], cosine,
-                sine, work, relative[lane, j], relative_cov[lane, j],
+                column[:, 0], column[:, 1], column[:, 2], column[:, 3], column[:, 4], 1, weights, pose[lane],
+                pose_cov[lane], cosine, sine, work, relative[lane, j], relative_cov[lane, j],
             )  # fmt: skip

@@ -3,6 +3,7 @@
 The particle is the innermost axis everywhere, so that one loop over particles is one vectorised pass:
 
     pose    [L, 3, N]        x, y, heading
+    pose_cov [L, 6 or 0, N]  the pose's own covariance (filters whose proposal waits for the sweep; else no rows)
     maps    [L, M, 5, N]     per landmark: x, y, and the covariance's xx, xy, yy
     target  [L, G, F, N]     per heading hypothesis: the mean, then the covariance's upper triangle row by row
     belief_in_hypothesis [L, G, N]   log weights of the hypotheses within a particle (largest sum normalised to one)
@@ -18,6 +19,9 @@ VELOCITY_ROWS = 14  # 4 + 10
 MAP_ROWS = 5
 
 DRAW_START, DRAW_MOTION, DRAW_RESAMPLE, DRAW_POSE = 0, 1, 2, 3  # purposes of `kernels.random`
+
+OPEN, USED, REFUSED = 0, 1, 2
+"""A return before the update: not looked at; already in the pose and the weight; refused by the gate."""
 
 EVENTS = (
     "overflow",  # a new landmark found no room

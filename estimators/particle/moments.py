@@ -45,8 +45,11 @@ def deviate_angle(row, centre, out):
 
 
 @jit
-def pose_moments(pose, w, cosine, sine, work, mean, cov):
-    """Mean [3] and covariance [3, 3] of weighted poses [3, N]; work: [3, N] scratch."""
+def pose_moments(pose, pose_cov, w, cosine, sine, work, mean, cov):
+    """Mean [3] and covariance [3, 3] of weighted poses [3, N].
+
+    pose_cov: [6 or 0, N] each pose's own covariance. work: [3, N] scratch.
+    """
     centre = math.atan2(average(w, sine), average(w, cosine))
     mean[0], mean[1] = average(w, pose[0]), average(w, pose[1])
     deviate(pose[0], mean[0], work[0])
@@ -58,6 +61,13 @@ def pose_moments(pose, w, cosine, sine, work, mean, cov):
         for j in range(i, 3):
             cov[i, j] = cov[j, i] = average_product(w, work[i], work[j])
     cov[2, 2] = max(cov[2, 2] - correction * correction, 0.0)
+    row = 0
+    if pose_cov.shape[0] > 0:
+        for i in range(3):
+            for j in range(i, 3):
+                cov[i, j] += average(w, pose_cov[row])
+                cov[j, i] = cov[i, j]
+                row += 1
 
 
 @jit
@@ -154,10 +164,11 @@ def turned_velocity(vx, vy, share, cosine, sine, work, relative):
 
 
 @jit
-def relative_moments(tx, ty, p00, p01, p11, hypotheses, share, pose, cosine, sine, work, mean, cov):
+def relative_moments(tx, ty, p00, p01, p11, hypotheses, share, pose, pose_cov, cosine, sine, work, mean, cov):
     """A point given per particle, in each particle's own frame: mean [2], covariance [2, 2] of the mixture.
 
     tx ... p11, share: [G, N], the hypotheses' positions, covariances and weights (G = 1 for a landmark). work: [5, N].
+    pose_cov: [6 or 0, N]; a pose that is uncertain itself adds to the point's covariance in its frame.
     """
     u, v, q00, q01, q11 = work[0], work[1], work[2], work[3], work[4]
     m0, m1, s00, s01, s11 = 0.0, 0.0, 0.0, 0.0, 0.0
@@ -174,6 +185,8 @@ def relative_moments(tx, ty, p00, p01, p11, hypotheses, share, pose, cosine, sin
             q00[p] = c * c * a[p] + 2.0 * c * s * b[p] + s * s * d[p]
             q01[p] = c * s * (d[p] - a[p]) + (c * c - s * s) * b[p]
             q11[p] = s * s * a[p] - 2.0 * c * s * b[p] + c * c * d[p]
+        if pose_cov.shape[0] > 0:
+            _add_pose_cov(pose_cov, cosine, sine, x0, y0, u, v, q00, q01, q11)
         m0, m1 = m0 + average(part, u), m1 + average(part, v)
         s00 += average(part, q00) + average_product(part, u, u)
         s01 += average(part, q01) + average_product(part, u, v)
@@ -181,6 +194,23 @@ def relative_moments(tx, ty, p00, p01, p11, hypotheses, share, pose, cosine, sin
     mean[0], mean[1] = x0 + m0, y0 + m1
     cov[0, 0], cov[1, 1] = s00 - m0 * m0, s11 - m1 * m1
     cov[0, 1] = cov[1, 0] = s01 - m0 * m1
+
+
+@inline
+def _add_pose_cov(pose_cov, cosine, sine, x0, y0, u, v, q00, q01, q11):
+    """J P J' with J = [-R', (v, -u)]: how a point at (x0 + u, y0 + v) in the robot's frame moves with the pose."""
+    for p in range(u.size):
+        c, s = cosine[p], sine[p]
+        a, b, d = pose_cov[0, p], pose_cov[1, p], pose_cov[3, p]
+        along, left, turn = (
+            c * pose_cov[2, p] + s * pose_cov[4, p],
+            c * pose_cov[4, p] - s * pose_cov[2, p],
+            pose_cov[5, p],
+        )
+        rx, ry = x0 + u[p], y0 + v[p]
+        q00[p] += c * c * a + 2.0 * c * s * b + s * s * d - 2.0 * ry * along + ry * ry * turn
+        q01[p] += c * s * (d - a) + (c * c - s * s) * b + rx * along - ry * left - rx * ry * turn
+        q11[p] += s * s * a - 2.0 * c * s * b + c * c * d + 2.0 * rx * left + rx * rx * turn
 
 
 @jit

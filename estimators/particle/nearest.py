@@ -11,12 +11,20 @@ one: otherwise particles that invent landmarks win.
 import math
 
 from estimators.interface import TARGET
+from estimators.kernels.elementary import sincos
 from estimators.kernels.jit import inline, jit
 from estimators.kernels.range_bearing import noise_std, usable
 from estimators.models import NO_TARGET
 from estimators.particle.columns import assimilate, beam_cov, fit, gather_weights
-from estimators.particle.steps import begin_sweep, finish_sweep, take_target
-from estimators.particle.target import fit_target
+from estimators.particle.gaussian_pose import (
+    condition_on_point,
+    condition_one,
+    displacement_cov,
+    displacement_rows,
+    draw_poses,
+)
+from estimators.particle.steps import begin_sweep, finish_sweep, likelihood_rows, take_target
+from estimators.particle.target import fit_point, position_rows
 
 NOBODY, STRUCK, TO_TARGET = -1, -2, -3  # a return's slot: outside every match gate; unusable; the target's
 _LOG_TWO_PI = math.log(2.0 * math.pi)
@@ -24,12 +32,13 @@ _LOG_TWO_PI = math.log(2.0 * math.pi)
 
 @jit
 def update_nearest_lanes(
-    lanes, ranges, bearings, labels, count, models, state, pose, maps, used, target, log_hypothesis, log_w, w, scratch,
-    cost, nearest, slot, share, match_gate, new_gate, threshold,
+    lanes, ranges, bearings, labels, count, models, state, pose, pose_cov, maps, used, target, log_hypothesis, log_w, w,
+    scratch, normals, cost, nearest, slot, share, match_gate, new_gate, threshold,
 ):  # fmt: skip
     """Take in one sweep whose labels are not looked at, but for `TARGET`.
 
     Args:
+        pose_cov: [L, 6, N] where poses are conditioned on the sweep and then drawn, [L, 0, N] where they are drawn.
         cost, nearest: [K, N] scratch: NIS + log det S of the best match, and the least NIS to anything.
         slot: [K, N] integer scratch. share: [K] scratch.
     """
@@ -39,34 +48,42 @@ def update_nearest_lanes(
         for k in range(n_z):
             _begin_return(
                 lane, ranges[lane, k], bearings[lane, k], labels[lane, k], models[lane], state, pose[lane],
-                target[lane], log_hypothesis[lane], scratch, cost[k], nearest[k], slot[k], match_gate,
+                pose_cov[lane], target[lane], log_hypothesis[lane], scratch, cost[k], nearest[k], slot[k], match_gate,
             )  # fmt: skip
             share[k] = 0.0
             if slot[k, 0] == NOBODY:
                 share[k] = _match(
-                    ranges[lane, k], bearings[lane, k], models[lane], state[lane].count, pose[lane], maps[lane],
-                    used[lane], w[lane], scratch, cost[k], nearest[k], slot[k], match_gate, new_gate,
+                    ranges[lane, k], bearings[lane, k], models[lane], state[lane].count, pose[lane],
+                    pose_cov[lane], maps[lane], used[lane], w[lane], scratch, cost[k], nearest[k], slot[k], match_gate,
+                    new_gate,
                 )  # fmt: skip
         _give_to_target(n_z, share, slot)
+        told = False
+        if pose_cov.shape[1] > 0 and n_z > 0:
+            told = _propose(
+                lane, n_z, ranges[lane], bearings[lane], models[lane], state, pose[lane], pose_cov[lane], maps[lane],
+                target[lane], log_w[lane], w[lane], scratch, normals, cost, slot,
+            )  # fmt: skip
         for k in range(n_z):
             if slot[k, 0] == TO_TARGET:
                 gathered = take_target(
                     lane, ranges[lane, k], bearings[lane, k], models[lane], state, pose[lane], target[lane],
-                    log_hypothesis[lane], log_w[lane], w[lane], scratch,
+                    log_hypothesis[lane], log_w[lane], w[lane], scratch, likelihood_rows(scratch, not told),
                 )  # fmt: skip
-                if gathered == 1:
+                if gathered == 1 and not told:
                     gather_weights(log_w[lane], scratch[2], scratch[3])
         _apply_all(
             lane, n_z, ranges[lane], bearings[lane], models[lane], state, pose[lane], maps[lane], used[lane],
-            log_w[lane], w[lane], scratch, cost, nearest, slot, new_gate,
+            log_w[lane], w[lane], scratch, cost, nearest, slot, new_gate, pose_cov.shape[1] == 0,
         )  # fmt: skip
         finish_sweep(lane, state, target[lane], log_hypothesis[lane], log_w[lane], w[lane], threshold)
 
 
 @inline
 def _begin_return(
-    lane, distance, bearing, label, model, state, pose, target, log_hypothesis, scratch, cost, nearest, slot, gate
-):
+    lane, distance, bearing, label, model, state, pose, pose_cov, target, log_hypothesis, scratch, cost, nearest, slot,
+    gate,
+):  # fmt: skip
     """Sort out what is not to be matched; of the rest, the fit to the target stands first. Rows [N]."""
     start = NOBODY
     if not usable(distance, bearing):
@@ -81,9 +98,13 @@ def _begin_return(
     range_std, bearing_std = noise_std(model, distance)
     for g in range(state[lane].hypotheses):
         terms = scratch[4:11]
-        fit_target(
-            target[g], terms, pose[0], pose[1], scratch[0], scratch[1], distance, math.cos(bearing), math.sin(bearing),
-            range_std * range_std, bearing_std * bearing_std,
+        p00, p01, p11 = position_rows(target[g])
+        if pose_cov.shape[0] > 0:
+            displacement_rows(pose, pose_cov, target[g, 0], target[g, 1], p00, p01, p11, scratch[11:14])
+            p00, p01, p11 = scratch[11], scratch[12], scratch[13]
+        fit_point(
+            target[g, 0], target[g, 1], p00, p01, p11, terms, pose[0], pose[1], scratch[0], scratch[1], distance,
+            math.cos(bearing), math.sin(bearing), range_std * range_std, bearing_std * bearing_std,
         )  # fmt: skip
         for p in range(slot.size):
             nis = terms[5, p]
@@ -93,7 +114,9 @@ def _begin_return(
 
 
 @jit
-def _match(distance, bearing, model, count, pose, maps, used, w, scratch, cost, nearest, slot, match_gate, new_gate):
+def _match(
+    distance, bearing, model, count, pose, pose_cov, maps, used, w, scratch, cost, nearest, slot, match_gate, new_gate
+):
     """The best landmark of one return in every particle; returns the weight of those that prefer the target."""
     range_std, bearing_std = noise_std(model, distance)
     var_r, var_b = range_std * range_std, bearing_std * bearing_std
@@ -109,10 +132,11 @@ def _match(distance, bearing, model, count, pose, maps, used, w, scratch, cost, 
             beam_x, beam_y = cb * scratch[0, p] - sb * scratch[1, p], sb * scratch[0, p] + cb * scratch[1, p]
             dx, dy = mx[p] - pose[0, p], my[p] - pose[1, p]
             ex, ey = dx - distance * beam_x, dy - distance * beam_y
-            spread = pxx[p] + pyy[p] + var_r + distance * distance * var_b
+            p00, p01, p11 = _seen(dx, dy, pxx[p], pxy[p], pyy[p], pose_cov, p)
+            spread = p00 + p11 + var_r + distance * distance * var_b
             if ex * ex + ey * ey > 2.0 * new_gate * spread:  # far outside: most pairs end here
                 continue
-            _, _, _, _, _, nis, det = fit(dx, dy, pxx[p], pxy[p], pyy[p], distance, beam_x, beam_y, var_r, var_b)
+            _, _, _, _, _, nis, det = fit(dx, dy, p00, p01, p11, distance, beam_x, beam_y, var_r, var_b)
             nearest[p] = min(nearest[p], nis)
             if nis <= match_gate:
                 value = nis + math.log(det)
@@ -122,6 +146,56 @@ def _match(distance, bearing, model, count, pose, maps, used, w, scratch, cost, 
     for p in range(slot.size):
         share += w[p] if as_target[p] < cost[p] else 0.0
     return share
+
+
+@inline
+def _seen(dx, dy, pxx, pxy, pyy, pose_cov, p):
+    """A landmark's covariance as one particle sees it: with its pose's, where that is not a point."""
+    if pose_cov.shape[0] == 0:
+        return pxx, pxy, pyy
+    return displacement_cov(
+        dx, dy, pxx, pxy, pyy, pose_cov[0, p], pose_cov[1, p], pose_cov[2, p], pose_cov[3, p], pose_cov[4, p],
+        pose_cov[5, p],
+    )  # fmt: skip
+
+
+@jit
+def _propose(
+    lane, n_z, ranges, bearings, model, state, pose, pose_cov, maps, target, log_w, w, scratch, normals, cost, slot
+):
+    """FastSLAM 2: condition every pose on what its particle has matched, weigh it, draw it.
+
+    Returns whether the target's return is in it.
+    """
+    told = False
+    for k in range(n_z):
+        if slot[k, 0] == TO_TARGET and state[lane].hypotheses == 1:
+            p00, p01, p11 = position_rows(target[0])
+            told = condition_on_point(
+                pose, pose_cov, target[0, 0], target[0, 1], p00, p01, p11, w, scratch, scratch[2:4], ranges[k],
+                bearings[k], model, model.reinitialise_nis,
+            )  # fmt: skip
+            if told:
+                gather_weights(log_w, scratch[2], scratch[3])
+    for k in range(n_z):
+        range_std, bearing_std = noise_std(model, ranges[k])
+        var_r, var_b = range_std * range_std, bearing_std * bearing_std
+        cb, sb = math.cos(bearings[k]), math.sin(bearings[k])
+        for p in range(w.size):
+            j = slot[k, p]
+            if j < 0 or not _wins(k, p, n_z, cost, slot):
+                continue
+            beam_x, beam_y = cb * scratch[0, p] - sb * scratch[1, p], sb * scratch[0, p] + cb * scratch[1, p]
+            dx, dy = maps[j, 0, p] - pose[0, p], maps[j, 1, p] - pose[1, p]
+            p00, p01, p11 = _seen(dx, dy, maps[j, 2, p], maps[j, 3, p], maps[j, 4, p], pose_cov, p)
+            b0, b1, a00, a01, a11, nis, det = fit(dx, dy, p00, p01, p11, ranges[k], beam_x, beam_y, var_r, var_b)
+            condition_one(pose, pose_cov, p, dx, dy, b0, b1, a00, a01, a11)
+            log_w[p] -= 0.5 * (nis + math.log(det)) + _LOG_TWO_PI
+            scratch[1, p], scratch[0, p] = sincos(pose[2, p])
+    draw_poses(state[lane].key, state[lane].step, pose, pose_cov, normals)
+    for p in range(w.size):
+        scratch[1, p], scratch[0, p] = sincos(pose[2, p])
+    return told
 
 
 @inline
@@ -140,9 +214,9 @@ def _give_to_target(n_z, share, slot):
 
 @jit
 def _apply_all(
-    lane, n_z, ranges, bearings, model, state, pose, maps, used, log_w, w, scratch, cost, nearest, slot, new_gate
+    lane, n_z, ranges, bearings, model, state, pose, maps, used, log_w, w, scratch, cost, nearest, slot, new_gate, weigh
 ):
-    """Every return into every particle's map, and its likelihood into the weights."""
+    """Every return into every particle's map; its likelihood into the weights if `weigh` (else it is there already)."""
     extent = model.max_range
     if not extent < math.inf:
         extent = 0.0
@@ -161,7 +235,8 @@ def _apply_all(
             beam_x, beam_y = cb * scratch[0, p] - sb * scratch[1, p], sb * scratch[0, p] + cb * scratch[1, p]
             j = slot[k, p]
             if j >= 0 and _wins(k, p, n_z, cost, slot):
-                log_w[p] += _update_one(maps[j], p, x, y, ranges[k], beam_x, beam_y, var_r, var_b)
+                log_likelihood = _update_one(maps[j], p, x, y, ranges[k], beam_x, beam_y, var_r, var_b)
+                log_w[p] += log_likelihood if weigh else 0.0
                 continue
             log_w[p] += log_nothing
             if nearest[k, p] <= new_gate:

@@ -17,8 +17,8 @@ from estimators.particle.target import target_rows
 
 _KEY_PURPOSE = 17  # keeps the filter's stream apart from a world's that is given the same seed
 _ASSOCIATIONS = ("known", "nearest")
-_SCRATCH_ROWS = 21
-_STATE = ("state", "pose", "log_w", "w", "used", "ids", "maps", "target", "log_hypothesis")
+_SCRATCH_ROWS = 23
+_STATE = ("state", "pose", "pose_cov", "log_w", "w", "used", "ids", "maps", "target", "log_hypothesis")
 _TARGET_BUFFERS = (
     "target_known", "target_mean", "target_cov", "target_velocity", "target_velocity_cov", "target_heading",
     "target_heading_var", "target_rel", "target_rel_cov", "target_rel_velocity",
@@ -72,6 +72,7 @@ class SLAMTO(Estimator):
 
     name: ClassVar[str] = "slamto"
     summary: ClassVar[str] = "Rao-Blackwellised particles with EKFs for landmarks and target (Wu and Sun 2013)"
+    _pose_cov_rows: ClassVar[int] = 0
 
     def __init__(
         self,
@@ -113,6 +114,7 @@ class SLAMTO(Estimator):
         hypotheses = (HEADINGS if twist else 1) if self.target is not None else 0
         self._state = np.zeros(L, dtype=LANE)
         self._pose = np.zeros((L, 3, N))
+        self._pose_cov = np.zeros((L, self._pose_cov_rows, N))
         self._log_w, self._w = np.zeros((L, N)), np.zeros((L, N))
         self._used = np.zeros((L, N), dtype=np.int64)
         self._ids = np.full((L, M), -1, dtype=np.int64)
@@ -121,6 +123,7 @@ class SLAMTO(Estimator):
         self._log_hypothesis = np.zeros((L, hypotheses, N))
         self._scratch = np.zeros((_SCRATCH_ROWS, N))
         self._normals = np.zeros((4, (N + 1) // 2))
+        self._proposed = np.zeros((L, 0), dtype=np.int64)
         self._index = np.zeros((3, N), dtype=np.int64)
         self._dt = np.zeros(L)
         self._returns = (np.zeros((0, N)), np.zeros((0, N)), np.zeros((0, N), dtype=np.int64), np.zeros(0))
@@ -144,12 +147,16 @@ class SLAMTO(Estimator):
         for i, lane in enumerate(chosen):
             key = lane_key(prior.seeds[i], _KEY_PURPOSE)
             self._state["key"][lane] = key
-            self._pose[lane] = draw_start(prior.pose[i], prior.pose_cov[i], key, self.num_particles)
+            self._start(lane, prior.pose[i], prior.pose_cov[i], key)
             if prior.target is not None and prior.target_cov is not None:
                 self._target[lane, 0] = target_rows(prior.target[i], prior.target_cov[i])[:, None]
                 self._log_hypothesis[lane, 0] = 0.0
                 self._state["hypotheses"][lane] = 1
         self.belief.mark_stale()
+
+    def _start(self, lane: int, mean: Floats, cov: Floats, key: np.uint64) -> None:
+        """Draw one lane's particles from the prior."""
+        self._pose[lane] = draw_start(mean, cov, key, self.num_particles)
 
     def predict(self, control: Floats, dt: float | Floats, *, lanes: Ints | None = None) -> None:
         """See `Estimator.predict`: each particle draws its own motion."""
@@ -163,35 +170,37 @@ class SLAMTO(Estimator):
         """See `Estimator.update`: EKFs inside each particle, then the weights."""
         chosen = self.all_lanes if lanes is None else lanes
         self._resample(chosen)
+        self._widen(scan.ranges.shape[1])
         if self.association == "known":
             update_lanes(
-                chosen, scan.ranges, scan.bearings, scan.labels, scan.count, self.models, self._state, self._ids,
-                self._pose, self._maps, self._target, self._log_hypothesis, self._log_w, self._w, self._scratch,
-                self.gate, self.resample_threshold,
+                chosen, scan.ranges, scan.bearings, scan.labels, scan.count, self._proposed, self.models, self._state,
+                self._ids, self._pose, self._maps, self._target, self._log_hypothesis, self._log_w, self._w,
+                self._scratch, self.gate, self.resample_threshold,
             )  # fmt: skip
         else:
-            self._widen(scan.ranges.shape[1])
             update_nearest_lanes(
                 chosen, scan.ranges, scan.bearings, scan.labels, scan.count, self.models, self._state, self._pose,
-                self._maps, self._used, self._target, self._log_hypothesis, self._log_w, self._w, self._scratch,
-                *self._returns, self.match_gate, self.new_gate, self.resample_threshold,
+                self._pose_cov, self._maps, self._used, self._target, self._log_hypothesis, self._log_w, self._w,
+                self._scratch, self._normals, *self._returns, self.match_gate, self.new_gate, self.resample_threshold,
             )  # fmt: skip
         self.belief.mark_stale()
 
     def _widen(self, width: int) -> None:
         """Scratch for `width` returns."""
-        if self._returns[0].shape[0] < width:
+        if self._proposed.shape[1] < width:
+            self._proposed = np.zeros((self.num_lanes, width), dtype=np.int64)
+        if self.association != "known" and self._returns[0].shape[0] < width:
             shape = (width, self.num_particles)
             self._returns = (np.zeros(shape), np.zeros(shape), np.zeros(shape, dtype=np.int64), np.zeros(width))
 
     def _resample(self, chosen: Ints) -> None:
         resample_lanes(
-            chosen, self._state, self._pose, self._maps, self._target, self._log_hypothesis, self._log_w, self._w,
-            self._used, self._index,
+            chosen, self._state, self._pose, self._pose_cov, self._maps, self._target, self._log_hypothesis,
+            self._log_w, self._w, self._used, self._index,
         )  # fmt: skip
 
     def _fill_core(self, buffers: dict[str, Any]) -> None:
-        fill_pose_lanes(self._pose, self._w, self._scratch, buffers["pose"], buffers["pose_cov"])
+        fill_pose_lanes(self._pose, self._pose_cov, self._w, self._scratch, buffers["pose"], buffers["pose_cov"])
         if self.target is None:
             return
         filled = [buffers[name] for name in _TARGET_BUFFERS]
@@ -199,8 +208,9 @@ class SLAMTO(Estimator):
             for buffer in filled:
                 buffer[...] = 0
         fill_target_lanes(
-            self.models, self._state, self._pose, self._target, self._log_hypothesis, self._w, self._scratch, *filled
-        )
+            self.models, self._state, self._pose, self._pose_cov, self._target, self._log_hypothesis, self._w,
+            self._scratch, *filled,
+        )  # fmt: skip
         buffers["target_position"][:] = buffers["target_mean"][:, :2]
         buffers["target_position_cov"][:] = buffers["target_cov"][:, :2, :2]
 
@@ -210,8 +220,8 @@ class SLAMTO(Estimator):
             buffer[...] = 0
         buffers["landmark_id"].fill(-1)
         fill_map_lanes(
-            self._state, self._ids, self._used, self._pose, self._maps, self._w, self.association != "known",
-            self._scratch, *filled,
+            self._state, self._ids, self._used, self._pose, self._pose_cov, self._maps, self._w,
+            self.association != "known", self._scratch, *filled,
         )  # fmt: skip
 
     @property

@@ -7,21 +7,15 @@ draws are functions of its own key and step, so that L lanes are L single runs b
 import math
 
 from estimators.kernels.association import DROPPED, NEW, TARGET_SLOT, slot_by_label
-from estimators.kernels.jit import inline, jit
+from estimators.kernels.jit import jit
 from estimators.kernels.random import uniform4
 from estimators.kernels.range_bearing import noise_std
 from estimators.kernels.resampling import move_columns, moves, normalise, systematic
 from estimators.models import NO_TARGET, TWIST
 from estimators.particle.columns import gather_weights, share_outside, start_column, update_column
-from estimators.particle.layout import DRAW_MOTION, DRAW_RESAMPLE, HEADINGS
+from estimators.particle.layout import DRAW_MOTION, DRAW_RESAMPLE, HEADINGS, OPEN, REFUSED
 from estimators.particle.proposal import draw_normals, move, trigonometry
-from estimators.particle.target import (
-    fit_target,
-    predict_target,
-    settle,
-    start_target,
-    update_target,
-)
+from estimators.particle.target import fit_point, position_rows, predict_target, settle, start_target, update_target
 
 FLUSH = 8  # determinants multiplied before their logarithm is taken: far from under- and overflow
 
@@ -42,18 +36,36 @@ def predict_lanes(lanes, control, dt, models, state, pose, target, normals):
 
 @jit
 def update_lanes(
-    lanes, ranges, bearings, labels, count, models, state, ids, pose, maps, target, log_hypothesis, log_w, w, scratch,
-    gate, threshold,
+    lanes, ranges, bearings, labels, count, proposed, models, state, ids, pose, maps, target, log_hypothesis, log_w, w,
+    scratch, gate, threshold,
 ):  # fmt: skip
-    """Take in one sweep whose returns say what they are (known association). scratch: [21, N]."""
+    """Take in one sweep whose returns say what they are (known association). scratch: [23, N].
+
+    proposed: [L, K] what a proposal has made of each return (see `layout`); all `OPEN` where poses are drawn blindly.
+    """
     for lane in lanes:
         begin_sweep(pose[lane], scratch)
         taken = 0
+        has_target = models[lane].target_kind != NO_TARGET
         for k in range(count[lane]):
-            taken += _take(
-                lane, ranges[lane, k], bearings[lane, k], labels[lane, k], models[lane], state, ids, pose[lane],
-                maps[lane], target[lane], log_hypothesis[lane], log_w[lane], w[lane], scratch, gate,
-            )  # fmt: skip
+            distance, bearing = ranges[lane, k], bearings[lane, k]
+            slot = slot_by_label(ids, lane, state[lane].count, labels[lane, k], distance, bearing, has_target)
+            if slot == DROPPED or proposed[lane, k] == REFUSED:
+                state[lane].dropped += slot == DROPPED
+                continue
+            is_open = proposed[lane, k] == OPEN
+            likelihood = likelihood_rows(scratch, is_open)
+            if slot == TARGET_SLOT:
+                told = take_target(
+                    lane, distance, bearing, models[lane], state, pose[lane], target[lane], log_hypothesis[lane],
+                    log_w[lane], w[lane], scratch, likelihood,
+                )  # fmt: skip
+            else:
+                told = take_landmark(
+                    lane, slot, distance, bearing, labels[lane, k], models[lane], state, ids, pose[lane], maps[lane],
+                    w[lane], scratch, likelihood, gate if is_open else math.inf,
+                )  # fmt: skip
+            taken += told if is_open else 0
             if taken == FLUSH:
                 gather_weights(log_w[lane], scratch[2], scratch[3])
                 taken = 0
@@ -83,17 +95,22 @@ def finish_sweep(lane, state, target, log_hypothesis, log_w, w, threshold):
         state[lane].hypotheses = settle(target, log_hypothesis, HEADINGS, w)
 
 
-@inline
-def _take(
-    lane, distance, bearing, label, model, state, ids, pose, maps, target, log_hypothesis, log_w, w, scratch, gate
-):
-    """One return; tells whether it put something into the weights still to be gathered."""
-    slot = slot_by_label(ids, lane, state[lane].count, label, distance, bearing, model.target_kind != NO_TARGET)
-    if slot == TARGET_SLOT:
-        return take_target(lane, distance, bearing, model, state, pose, target, log_hypothesis, log_w, w, scratch)
-    if slot == DROPPED:
-        state[lane].dropped += 1
-        return 0
+@jit
+def likelihood_rows(scratch, is_open):
+    """Where a return's nu' S^-1 nu and det S are gathered: into the weights, or aside if they are there already."""
+    if is_open:
+        return scratch[2:4]
+    for p in range(scratch.shape[1]):
+        scratch[21, p] = 0.0
+        scratch[22, p] = 1.0
+    return scratch[21:23]
+
+
+@jit
+def take_landmark(
+    lane, slot, distance, bearing, label, model, state, ids, pose, maps, w, scratch, likelihood, gate
+):  # fmt: skip
+    """A return of a landmark: start its column or update it; tells whether something is to be gathered."""
     x, y, cosine, sine = pose[0], pose[1], scratch[0], scratch[1]
     range_std, bearing_std = noise_std(model, distance)
     var_r, var_b = range_std * range_std, bearing_std * bearing_std
@@ -116,13 +133,13 @@ def _take(
             state[lane].gated += 1
             return 0
     update_column(
-        m[0], m[1], m[2], m[3], m[4], x, y, cosine, sine, scratch[2], scratch[3], distance, cb, sb, var_r, var_b
+        m[0], m[1], m[2], m[3], m[4], x, y, cosine, sine, likelihood[0], likelihood[1], distance, cb, sb, var_r, var_b
     )
     return 1
 
 
 @jit
-def take_target(lane, distance, bearing, model, state, pose, target, log_hypothesis, log_w, w, scratch):
+def take_target(lane, distance, bearing, model, state, pose, target, log_hypothesis, log_w, w, scratch, likelihood):
     """A return of the target: start it, start it anew, or update it; tells whether something is to be gathered."""
     x, y, cosine, sine = pose[0], pose[1], scratch[0], scratch[1]
     terms, work = scratch[4:11], scratch[11:21]
@@ -134,7 +151,10 @@ def take_target(lane, distance, bearing, model, state, pose, target, log_hypothe
     if hypotheses > 0 and model.reinitialise_nis < math.inf:
         outside = 0.0
         for g in range(hypotheses):
-            fit_target(target[g], terms, x, y, cosine, sine, distance, cb, sb, var_r, var_b)
+            p00, p01, p11 = position_rows(target[g])
+            fit_point(
+                target[g, 0], target[g, 1], p00, p01, p11, terms, x, y, cosine, sine, distance, cb, sb, var_r, var_b
+            )
             for p in range(w.size):
                 share = w[p] * math.exp(log_hypothesis[g, p])
                 outside += 0.0 if terms[5, p] <= model.reinitialise_nis else share
@@ -147,14 +167,14 @@ def take_target(lane, distance, bearing, model, state, pose, target, log_hypothe
         return 0
     n_t = 3 if model.target_kind == TWIST else 4
     update_target(
-        target, log_hypothesis, hypotheses, n_t, terms, work, scratch[2], scratch[3], log_w, x, y, cosine, sine,
+        target, log_hypothesis, hypotheses, n_t, terms, work, likelihood[0], likelihood[1], log_w, x, y, cosine, sine,
         distance, cb, sb, var_r, var_b,
     )  # fmt: skip
     return 1
 
 
 @jit
-def resample_lanes(lanes, state, pose, maps, target, log_hypothesis, log_w, w, used, index):
+def resample_lanes(lanes, state, pose, pose_cov, maps, target, log_hypothesis, log_w, w, used, index):
     """Systematic resampling in the lanes where it is due. index: [3, N] integer scratch."""
     copies, source, destination = index[0], index[1], index[2]
     for lane in lanes:
@@ -166,6 +186,7 @@ def resample_lanes(lanes, state, pose, maps, target, log_hypothesis, log_w, w, u
         systematic(w[lane], u, copies)
         count = moves(copies, source, destination)
         move_columns(pose[lane], source, destination, count)
+        move_columns(pose_cov[lane], source, destination, count)
         for j in range(state[lane].count):
             move_columns(maps[lane, j], source, destination, count)
         for g in range(state[lane].hypotheses):

@@ -109,21 +109,21 @@ def target_rows(mean, cov):
 
 @inline
 def position_rows(rows):
-    """The rows of P00, P01 and P11 for either model."""
+    """The rows of P00, P01 and P11 of a landmark (5 rows) or of a target of either model."""
+    if rows.shape[0] == 5:
+        return rows[2], rows[3], rows[4]
     if rows.shape[0] == 9:
         return rows[3], rows[4], rows[6]
     return rows[4], rows[5], rows[8]
 
 
 @jit
-def fit_target(rows, terms, x, y, cosine, sine, distance, cb, sb, var_r, var_b):
-    """`fit` of a return against one hypothesis in every particle. terms: [7, N], written (see `fit`).
+def fit_point(tx, ty, p00, p01, p11, terms, x, y, cosine, sine, distance, cb, sb, var_r, var_b):
+    """`fit` of a return against one point in every particle, all rows [N]. terms: [7, N], written (see `fit`).
 
     Where the position is uncertain against the distance, the update is iterated: Gauss-Newton on the position, whose
     last linearisation gives the terms.
     """
-    p00, p01, p11 = position_rows(rows)
-    tx, ty = rows[0], rows[1]
     t0, t1, t2, t3, t4, t5, t6 = terms[0], terms[1], terms[2], terms[3], terms[4], terms[5], terms[6]
     limit = (LOST_RATIO * distance) ** 2
     lost = False
@@ -223,7 +223,8 @@ def update_target(
 ):  # fmt: skip
     """Take a return into every particle's target, and its likelihood into the weights. Eqs. (13) and (18)."""
     for g in range(hypotheses):
-        fit_target(target[g], terms, x, y, cosine, sine, distance, cb, sb, var_r, var_b)
+        p00, p01, p11 = position_rows(target[g])
+        fit_point(target[g, 0], target[g, 1], p00, p01, p11, terms, x, y, cosine, sine, distance, cb, sb, var_r, var_b)
         apply_terms(target[g], n_t, terms, work)
         for p in range(x.size):
             if hypotheses == 1:

@@ -83,13 +83,13 @@ def oracle():
 
 @pytest.fixture
 def make():
-    """SLAMTO in that world; `kind` names the target model, None for no target."""
+    """A filter (SLAMTO unless `cls` says otherwise) in that world; `kind`: the target model, None for no target."""
 
     def build(kind="twist", prior=True, **options):
         options = {"particles": 30, "max_landmarks": 6, "resample_threshold": 0.0, **options}
         motion, sensor = options.pop("motion", MOTION), options.pop("sensor", SENSOR)
         target = options.pop("target", TARGETS[kind] if kind else None)
-        filter_ = SLAMTO(motion, sensor, target, **options)
+        filter_ = options.pop("cls", SLAMTO)(motion, sensor, target, **options)
         lanes = filter_.num_lanes
         mean, cov = PRIORS[kind] if kind and prior else (None, None)
         filter_.reset(

@@ -1,11 +1,11 @@
-"""Experiment 1 of Wu and Sun 2013, simulated plainly in NumPy for many runs at once."""
+"""Experiment 1 of Wu and Sun 2013, simulated plainly in NumPy for many runs at once, for all filters the same."""
 
 import numpy as np
 import pytest
 
 from estimators.interface import TARGET, Scan
 from estimators.models import MotionModel, SensorModel, TargetModel
-from estimators.particle.slamto import SLAMTO
+from estimators.registry import make
 
 pytestmark = pytest.mark.slow
 
@@ -52,36 +52,75 @@ def sweep(robot, target, landmarks, rng):
     return scan
 
 
+FILTERS = {
+    "slamto": ("slamto", {"particles": 200}),
+    "fastslam1": ("fastslam1", {"particles": 200}),
+    "fastslam2-20": ("fastslam2", {"particles": 20}),
+    "fastslam2": ("fastslam2", {"particles": 200}),
+}
+
+
+def nees(error, cov):
+    return np.einsum("li,li->l", error, np.linalg.solve(cov, error[..., None])[..., 0])
+
+
+def inside(values, low, high):
+    return ((values > low) & (values < high)).mean()
+
+
 @pytest.fixture(scope="module")
 def experiment():
-    """Position errors [steps, runs] of robot and target, and the target's NEES."""
+    """By filter: robot's and target's position error, the pose's and the target's NEES, each [steps, runs]."""
     runs, rng = 400, np.random.default_rng(0)
     landmarks = rng.uniform(0.0, 10.0, (runs, LANDMARKS, 2))
     angle = rng.uniform(-np.pi, np.pi, runs)
     target, robot = on_the_circle(angle), on_the_circle(angle - 4.0 / 3.0)
-    f = SLAMTO(MOTION, SENSOR, TARGET_MODEL, num_lanes=runs, max_landmarks=LANDMARKS, particles=200)
-    f.reset(robot, np.zeros((3, 3)), seeds=np.arange(runs), target=target, target_cov=np.zeros((3, 3)))
-    errors = []
+    filters, results = {}, {name: [] for name in FILTERS}
+    for name, (estimator, options) in FILTERS.items():
+        filters[name] = make(
+            estimator, MOTION, SENSOR, TARGET_MODEL, num_lanes=runs, max_landmarks=LANDMARKS, **options
+        )
+        filters[name].reset(robot, np.zeros((3, 3)), seeds=np.arange(runs), target=target, target_cov=np.zeros((3, 3)))
     for step in range(1, STEPS + 1):
         control = follow(robot, target)
         robot = move(robot, *(control + [0.4, 0.0872] * rng.standard_normal((runs, 2))).T)
         target = move(target, *([3.0, 1.0] + [0.8, 0.6] * rng.standard_normal((runs, 2))).T)
-        f.predict(control, DT)
-        if step % EVERY == 0:
-            f.update(sweep(robot, target, landmarks, rng))
-        d = f.belief.target_position - target[:, :2]
-        nees = np.einsum("li,lij,lj->l", d, np.linalg.inv(f.belief.target_position_cov), d)
-        errors.append([np.hypot(*(f.belief.pose - robot)[:, :2].T), np.hypot(*d.T), nees])
-    return np.moveaxis(np.array(errors), 1, 0)
+        scan = sweep(robot, target, landmarks, rng) if step % EVERY == 0 else None
+        for name, f in filters.items():
+            f.predict(control, DT)
+            if scan is not None:
+                f.update(scan)
+            e, d = f.belief.pose - robot, f.belief.target_position - target[:, :2]
+            e[:, 2] = wrap(e[:, 2])
+            pose_nees = nees(e, f.belief.pose_cov + 1e-9 * np.eye(3))
+            errors = np.hypot(*e[:, :2].T), np.hypot(*d.T)
+            results[name].append([*errors, pose_nees, nees(d, f.belief.target_position_cov)])
+    return {name: np.moveaxis(np.array(rows), 1, 0) for name, rows in results.items()}
 
 
 def test_errors_of_experiment_1(experiment):
-    robot, target, _ = experiment
+    robot, target, _, _ = experiment["slamto"]
     assert 0.036 < robot.mean() < 0.044
     assert 0.063 < target.mean() < 0.073
 
 
 def test_the_target_is_nearly_consistent_and_the_pose_known_to_be_overconfident(experiment):
-    nees = experiment[2]
-    inside = ((nees > 0.0506) & (nees < 7.378)).mean()
-    assert 0.82 < inside < 0.93
+    _, _, pose, target = experiment["slamto"]
+    assert 0.82 < inside(target, 0.0506, 7.378) < 0.93
+    assert inside(pose, 0.2158, 9.348) < 0.75
+
+
+def test_fastslam2_with_200_particles_is_accurate_and_nearly_consistent(experiment):
+    robot, target, pose_nees, target_nees = experiment["fastslam2"]
+    assert robot.mean() <= 0.037
+    assert target.mean() <= 0.067
+    assert inside(pose_nees, 0.2158, 9.348) >= 0.85
+    assert inside(target_nees, 0.0506, 7.378) >= 0.92
+
+
+@pytest.mark.parametrize("baseline", ["slamto", "fastslam1"])
+def test_fastslam2_with_20_particles_is_not_worse_than_fastslam1_with_200(experiment, baseline):
+    """The 95 % interval of the paired difference excludes any loss above a tenth of the error."""
+    for few, many in zip(experiment["fastslam2-20"][:2], experiment[baseline][:2], strict=True):
+        difference = (few - many).mean(axis=0)
+        assert difference.mean() + 1.96 * difference.std() / np.sqrt(difference.size) < 0.1 * many.mean()
