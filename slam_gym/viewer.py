@@ -1,5 +1,6 @@
 """The live view: an episode in a window, driven by the clock and by keys."""
 
+import itertools
 import time
 from pathlib import Path
 
@@ -152,14 +153,20 @@ class Viewer:
         return ", ".join(words)
 
     def _save(self) -> None:
-        name = f"{self.episode.scenario.name}-{self.episode.names[self.shown]}-{self.episode.step_count}.png"
-        safe = "".join(c if c.isalnum() or c in "-._=" else "_" for c in name)
+        name = f"{self.episode.scenario.name}-{self.episode.names[self.shown]}-{self.episode.step_count}"
+        safe = _unused(self.folder, "".join(c if c.isalnum() or c in "-._=" else "_" for c in name))
         try:
             pygame.image.save(self.renderer.surface, str(self.folder / safe))
             self._message = f"saved {safe}"
         except (OSError, pygame.error) as error:
             self._message = f"not saved: {error}"
         self._message_until = time.perf_counter() + NOTE_TIME
+
+
+def _unused(folder: Path, stem: str) -> str:
+    """A PNG's name that is not taken yet: stem.png, stem-2.png, ..."""
+    names = (f"{stem}{f'-{i}' if i > 1 else ''}.png" for i in itertools.count(1))
+    return next(name for name in names if not (folder / name).exists())
 
 
 def check_display() -> None:

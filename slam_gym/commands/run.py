@@ -24,14 +24,14 @@ class Run:
 
     Examples:
       slam-gym run
-      slam-gym run discovery --estimators ri-ekf ekf --png last.png
+      slam-gym run discovery --estimators ri-ekf ekf dead-reckoning --png last.png
       slam-gym run --policy pursuit:stand_off=2 --video chase.mp4
       slam-gym run open --set landmarks.count=8 sensor.max_range=4
     """
 
     scenario: Annotated[str, tyro.conf.Positional] = "default"
     """Name of a scenario (`slam-gym list scenarios`) or path of a TOML file."""
-    estimators: tuple[str, ...] = ("ekf",)
+    estimators: tuple[str, ...] = ("ri-ekf",)
     """Estimators (`slam-gym list estimators`), options as slamto:particles=500; the policy acts on the first."""
     policy: str | None = None
     """A policy (`slam-gym list policies`), with options as pursuit:stand_off=2; default: the scenario's own."""

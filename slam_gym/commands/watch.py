@@ -16,13 +16,13 @@ class Watch:
 
     Examples:
       slam-gym watch
-      slam-gym watch discovery --estimators ri-ekf ekf
+      slam-gym watch discovery --estimators ri-ekf ekf dead-reckoning
       slam-gym watch slamto --estimators slamto ekf --policy pursuit:stand_off=2
     """
 
     scenario: Annotated[str, tyro.conf.Positional] = "default"
     """Name of a scenario (`slam-gym list scenarios`) or path of a TOML file."""
-    estimators: tuple[str, ...] = ("ekf",)
+    estimators: tuple[str, ...] = ("ri-ekf",)
     """Estimators (`slam-gym list estimators`), options as slamto:particles=500; the policy acts on the first."""
     policy: str | None = None
     """A policy (`slam-gym list policies`), with options as pursuit:stand_off=2; default: the scenario's own."""

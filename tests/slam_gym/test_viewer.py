@@ -120,6 +120,8 @@ def test_s_saves_a_picture(viewer, tmp_path):
     assert pygame.image.load(file).get_size() == (560, 420)
     viewer.tick(0.0)
     assert viewer.renderer.note == "saved open-ekf-1.png"
+    type_(viewer, "s")
+    assert sorted(file.name for file in tmp_path.iterdir()) == ["open-ekf-1-2.png", "open-ekf-1.png"]
 
 
 def test_a_picture_that_cannot_be_saved_is_a_message(viewer, tmp_path):
