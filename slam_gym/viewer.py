@@ -1,6 +1,7 @@
 """The live view: an episode in a window, driven by the clock and by keys."""
 
 import itertools
+import os
 import time
 from pathlib import Path
 
@@ -26,6 +27,7 @@ TOGGLES = {"t": "truth", "b": "belief", "e": "ellipses", "r": "trails", "v": "vi
 FASTEST, SLOWEST = 64.0, 1.0 / 16.0  # times real time
 BUSY = 0.5  # share of a picture's time that may go into simulation before it lags behind the clock
 FPS = 60.0
+INVISIBLE = ("offscreen", "dummy")  # what SDL falls back on without a display
 NOTE_TIME = 2.0  # [s] that a message stays
 
 
@@ -177,6 +179,14 @@ def check_display() -> None:
     """
     try:
         pygame.display.init()
+        driver = pygame.display.get_driver()
     except pygame.error as error:
-        hint = "`slam-gym run --video out.gif` needs none"
-        raise ValueError(f"no window can be opened here ({error}); {hint}") from error
+        driver = str(error)
+    else:
+        chosen = os.environ.get("SDL_VIDEODRIVER")
+        if driver not in INVISIBLE or driver == chosen:
+            return
+        pygame.display.quit()
+    raise ValueError(
+        f"no window can be opened here ({driver}): set DISPLAY, or use `slam-gym run --video out.gif`, which needs none"
+    )

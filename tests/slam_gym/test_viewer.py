@@ -4,10 +4,11 @@ import pygame
 import pytest
 
 import slam_gym.viewer
+from slam_gym.cli import main
 from slam_gym.episode import Episode
 from slam_gym.render import Renderer
 from slam_gym.scenario import Scenario
-from slam_gym.viewer import KEYS, Viewer
+from slam_gym.viewer import KEYS, Viewer, check_display
 
 
 @pytest.fixture
@@ -145,3 +146,20 @@ def test_the_keys_are_on_the_screen(viewer):
     assert viewer.renderer.keys is KEYS
     named = " ".join(key for key, _ in KEYS).split()
     assert {"space", "n", "+", "tab", "t", "e", "f", "arrows", "p", "s", "q"} <= set(named)
+
+
+def test_no_display_is_said_at_once(monkeypatch):
+    monkeypatch.delenv("SDL_VIDEODRIVER", raising=False)
+    monkeypatch.setattr(pygame.display, "init", lambda: None)
+    monkeypatch.setattr(pygame.display, "get_driver", lambda: "offscreen")
+    with pytest.raises(ValueError, match=r"no window can be opened here \(offscreen\): set DISPLAY"):
+        check_display()
+    monkeypatch.setenv("SDL_VIDEODRIVER", "offscreen")  # asked for
+    check_display()
+
+
+def test_watch_runs_until_it_is_left(monkeypatch, capsys):
+    monkeypatch.setenv("SDL_VIDEODRIVER", "dummy")
+    monkeypatch.setattr(Viewer, "tick", lambda self, elapsed: setattr(self, "running", False))
+    assert main(["watch", "open", "--estimators", "ekf", "--size", "320", "240"]) == 0
+    assert "Loading" in capsys.readouterr().out
