@@ -8,13 +8,16 @@ from estimators.particle.moments import (
     direction_variance,
     landmark_moments,
     pose_moments,
-    relative_moments,
+    relative_origin,
+    relative_sums,
     shares,
     target_moments,
     turned_velocity,
     velocity_moments,
+    write_relative,
 )
 from estimators.particle.proposal import trigonometry
+from estimators.particle.target import position_rows
 
 
 @jit
@@ -22,7 +25,7 @@ def fill_pose_lanes(pose, pose_cov, w, scratch, mean, cov):
     """Pose [L, 3] and covariance [L, 3, 3]."""
     for lane in range(pose.shape[0]):
         trigonometry(pose[lane, 2], scratch[0], scratch[1])
-        pose_moments(pose[lane], pose_cov[lane], w[lane], scratch[0], scratch[1], scratch[2:5], mean[lane], cov[lane])
+        pose_moments(pose[lane], pose_cov[lane], w[lane], scratch[0], scratch[1], mean[lane], cov[lane])
 
 
 @jit
@@ -31,7 +34,7 @@ def fill_target_lanes(
     heading, heading_var, relative, relative_cov, relative_velocity,
 ):  # fmt: skip
     """The target's buffers (see `Belief`), zero on entry: they stay so where it is not known."""
-    cosine, sine, work, share = scratch[0], scratch[1], scratch[2:8], scratch[8:16]
+    cosine, sine, work, share = scratch[0], scratch[1], scratch[2:6], scratch[8:16]
     for lane in range(pose.shape[0]):
         hypotheses = state[lane].hypotheses
         known[lane] = hypotheses > 0
@@ -42,20 +45,24 @@ def fill_target_lanes(
         trigonometry(pose[lane, 2], cosine, sine)
         shares(log_hypothesis[lane], hypotheses, w[lane], share)
         target_moments(cloud, hypotheses, share, twist, work, mean[lane], cov[lane])
-        a, b, c = (3, 4, 6) if twist else (4, 5, 8)
-        relative_moments(
-            cloud[:, 0], cloud[:, 1], cloud[:, a], cloud[:, b], cloud[:, c], hypotheses, share, pose[lane],
-            pose_cov[lane], cosine, sine, work, relative[lane], relative_cov[lane],
-        )  # fmt: skip
+        x0, y0 = relative_origin(cloud[0, 0, 0], cloud[0, 1, 0], pose[lane], cosine, sine)
+        m0, m1, s00, s01, s11 = 0.0, 0.0, 0.0, 0.0, 0.0
+        for g in range(hypotheses):
+            p00, p01, p11 = position_rows(cloud[g])
+            a, b, c, d, e = relative_sums(
+                cloud[g, 0], cloud[g, 1], p00, p01, p11, share[g], pose[lane], pose_cov[lane], cosine, sine, x0, y0
+            )
+            m0, m1, s00, s01, s11 = m0 + a, m1 + b, s00 + c, s01 + d, s11 + e
+        write_relative(x0, y0, m0, m1, s00, s01, s11, relative[lane], relative_cov[lane])
         if twist:
             velocity_moments(
-                cloud, hypotheses, share, cosine, sine, models[lane].target_speed, work, velocity[lane],
-                velocity_cov[lane], relative_velocity[lane],
+                cloud, hypotheses, share, cosine, sine, models[lane].target_speed, velocity[lane], velocity_cov[lane],
+                relative_velocity[lane],
             )  # fmt: skip
             heading[lane], heading_var[lane] = mean[lane, 2], cov[lane, 2, 2]
         else:
             vx, vy = mean[lane, 2], mean[lane, 3]
-            turned_velocity(cloud[0, 2], cloud[0, 3], share[0], cosine, sine, work, relative_velocity[lane])
+            turned_velocity(cloud[0, 2], cloud[0, 3], share[0], cosine, sine, relative_velocity[lane])
             velocity[lane, 0], velocity[lane, 1] = vx, vy
             for i in range(2):
                 for j in range(2):
@@ -73,22 +80,23 @@ def fill_map_lanes(
 
     own_maps: whether each particle has a map of its own (the heaviest particle's is shown) or columns are shared.
     """
-    cosine, sine, work, weights = scratch[0], scratch[1], scratch[2:7], scratch[7:8]
+    cosine, sine, weights = scratch[0], scratch[1], scratch[2]
     for lane in range(pose.shape[0]):
         trigonometry(pose[lane, 2], cosine, sine)
         heaviest = 0
         for p in range(w.shape[1]):
             heaviest = p if w[lane, p] > w[lane, heaviest] else heaviest
-            weights[0, p] = 0.0 if own_maps else w[lane, p]
+            weights[p] = 0.0 if own_maps else w[lane, p]
         if own_maps:
-            weights[0, heaviest] = 1.0
+            weights[heaviest] = 1.0
         count[lane] = used[lane, heaviest] if own_maps else state[lane].count
         for j in range(count[lane]):
             mapped[lane, j] = True
             out_ids[lane, j] = j if own_maps else ids[lane, j]
-            m, column = maps[lane, j], maps[lane, j : j + 1]
-            landmark_moments(m[0], m[1], m[2], m[3], m[4], weights[0], work, mean[lane, j], cov[lane, j])
-            relative_moments(
-                column[:, 0], column[:, 1], column[:, 2], column[:, 3], column[:, 4], 1, weights, pose[lane],
-                pose_cov[lane], cosine, sine, work, relative[lane, j], relative_cov[lane, j],
-            )  # fmt: skip
+            m = maps[lane, j]
+            landmark_moments(m[0], m[1], m[2], m[3], m[4], weights, mean[lane, j], cov[lane, j])
+            x0, y0 = relative_origin(m[0, 0], m[1, 0], pose[lane], cosine, sine)
+            m0, m1, s00, s01, s11 = relative_sums(
+                m[0], m[1], m[2], m[3], m[4], weights, pose[lane], pose_cov[lane], cosine, sine, x0, y0
+            )
+            write_relative(x0, y0, m0, m1, s00, s01, s11, relative[lane, j], relative_cov[lane, j])

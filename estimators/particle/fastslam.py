@@ -13,20 +13,16 @@ from estimators.particle.gaussian_pose import POSE_COV_ROWS, condition_on_point,
 from estimators.particle.layout import OPEN, REFUSED, USED
 from estimators.particle.slamto import SLAMTO
 from estimators.particle.steps import FLUSH, begin_sweep
-from estimators.particle.target import position_rows, predict_target
+from estimators.particle.target import position_rows
 
 
 @jit
-def predict_gaussian_lanes(lanes, control, dt, models, state, pose, pose_cov, target):
-    """Every particle's pose and target through one step, nothing drawn. control [L, 2], dt [L]."""
+def carry_lanes(lanes, control, dt, models, state, pose, pose_cov):
+    """Every particle's Gaussian through one step, nothing drawn. control [L, 2], dt [L]."""
     for lane in lanes:
-        if not dt[lane] > 0.0:
-            continue
-        state[lane].step += 1
-        model = models[lane]
-        predict_poses(pose[lane], pose_cov[lane], model, control[lane, 0], control[lane, 1], dt[lane])
-        if model.target_kind != NO_TARGET:
-            predict_target(target[lane], state[lane].hypotheses, model, dt[lane])
+        if dt[lane] > 0.0:
+            state[lane].step += 1
+            predict_poses(pose[lane], pose_cov[lane], models[lane], control[lane, 0], control[lane, 1], dt[lane])
 
 
 @jit
@@ -142,15 +138,9 @@ class FastSLAM2(SLAMTO):
         self._pose[lane] = mean[:, None]
         self._pose_cov[lane] = (0.5 * (cov + cov.T))[np.triu_indices(3)][:, None]
 
-    def predict(self, control: Floats, dt: float | Floats, *, lanes: Ints | None = None) -> None:
-        """See `Estimator.predict`: the Gaussians move."""
-        chosen = self.all_lanes if lanes is None else lanes
-        self._dt[:] = dt
-        self._resample(chosen)
-        predict_gaussian_lanes(
-            chosen, control, self._dt, self.models, self._state, self._pose, self._pose_cov, self._target
-        )
-        self.belief.mark_stale()
+    def _move(self, chosen: Ints, control: Floats) -> None:
+        """The Gaussians move."""
+        carry_lanes(chosen, control, self._dt, self.models, self._state, self._pose, self._pose_cov)
 
     def update(self, scan: Scan, *, lanes: Ints | None = None) -> None:
         """See `Estimator.update`: poses conditioned and drawn, then the maps."""

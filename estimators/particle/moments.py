@@ -12,7 +12,7 @@ from estimators.kernels.elementary import sincos, wrap_smooth
 from estimators.kernels.jit import inline, jit
 
 
-@inline
+@jit
 def average(share, row):
     """Sum of share times row."""
     total = 0.0
@@ -21,7 +21,7 @@ def average(share, row):
     return total
 
 
-@inline
+@jit
 def average_product(share, a, b):
     """Sum of share times a b."""
     total = 0.0
@@ -30,14 +30,14 @@ def average_product(share, a, b):
     return total
 
 
-@inline
+@jit
 def deviate(row, centre, out):
     """Deviations from a centre."""
     for p in range(row.size):
         out[p] = row[p] - centre
 
 
-@inline
+@jit
 def deviate_angle(row, centre, out):
     """Wrapped deviations from a direction."""
     for p in range(row.size):
@@ -45,29 +45,44 @@ def deviate_angle(row, centre, out):
 
 
 @jit
-def pose_moments(pose, pose_cov, w, cosine, sine, work, mean, cov):
-    """Mean [3] and covariance [3, 3] of weighted poses [3, N].
-
-    pose_cov: [6 or 0, N] each pose's own covariance. work: [3, N] scratch.
-    """
-    centre = math.atan2(average(w, sine), average(w, cosine))
-    mean[0], mean[1] = average(w, pose[0]), average(w, pose[1])
-    deviate(pose[0], mean[0], work[0])
-    deviate(pose[1], mean[1], work[1])
-    deviate_angle(pose[2], centre, work[2])
-    correction = average(w, work[2])
-    mean[2] = wrap(centre + correction)
+def pose_moments(pose, pose_cov, w, cosine, sine, mean, cov):
+    """Mean [3] and covariance [3, 3] of weighted poses [3, N]; pose_cov: [6 or 0, N] each pose's own covariance."""
+    x, y, heading = pose[0], pose[1], pose[2]
+    c, s, mx, my = 0.0, 0.0, 0.0, 0.0
+    for p in range(w.size):
+        live = w[p] > 0.0
+        c += w[p] * (cosine[p] if live else 0.0)
+        s += w[p] * (sine[p] if live else 0.0)
+        mx += w[p] * (x[p] if live else 0.0)
+        my += w[p] * (y[p] if live else 0.0)
+    centre = math.atan2(s, c)
+    turn, s00, s01, s02, s11, s12, s22 = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+    for p in range(w.size):
+        live = w[p] > 0.0
+        dx, dy = (x[p] - mx if live else 0.0), (y[p] - my if live else 0.0)
+        dh = wrap_smooth(heading[p] - centre) if live else 0.0
+        turn += w[p] * dh
+        s00 += w[p] * dx * dx
+        s01 += w[p] * dx * dy
+        s02 += w[p] * dx * dh
+        s11 += w[p] * dy * dy
+        s12 += w[p] * dy * dh
+        s22 += w[p] * dh * dh
+    mean[0], mean[1], mean[2] = mx, my, wrap(centre + turn)
+    cov[0, 0], cov[0, 1], cov[0, 2], cov[1, 1], cov[1, 2], cov[2, 2] = (
+        s00,
+        s01,
+        s02,
+        s11,
+        s12,
+        max(s22 - turn * turn, 0.0),
+    )
+    row = 0
     for i in range(3):
         for j in range(i, 3):
-            cov[i, j] = cov[j, i] = average_product(w, work[i], work[j])
-    cov[2, 2] = max(cov[2, 2] - correction * correction, 0.0)
-    row = 0
-    if pose_cov.shape[0] > 0:
-        for i in range(3):
-            for j in range(i, 3):
-                cov[i, j] += average(w, pose_cov[row])
-                cov[j, i] = cov[i, j]
-                row += 1
+            cov[i, j] += average(w, pose_cov[row]) if pose_cov.shape[0] > 0 else 0.0
+            cov[j, i] = cov[i, j]
+            row += 1
 
 
 @jit
@@ -110,7 +125,7 @@ def target_moments(target, hypotheses, share, twist, work, mean, cov):
             cov[i, j] = cov[j, i]
 
 
-@inline
+@jit
 def _mean_direction(target, hypotheses, share):
     cosine, sine = 0.0, 0.0
     for g in range(hypotheses):
@@ -123,105 +138,112 @@ def _mean_direction(target, hypotheses, share):
 
 
 @jit
-def velocity_moments(target, hypotheses, share, cosine, sine, speed, work, mean, cov, relative):
-    """A twist target's velocity: mean [2], covariance [2, 2] in the world, mean [2] along the robot's axes.
-
-    work: [6, N] scratch.
-    """
-    vx, vy, along, left, across = work[0], work[1], work[2], work[3], work[4]
-    for i in range(2):
-        mean[i] = relative[i] = 0.0
-    s00, s01, s11 = 0.0, 0.0, 0.0
+def velocity_moments(target, hypotheses, share, cosine, sine, speed, mean, cov, relative):
+    """A twist target's velocity: mean [2], covariance [2, 2] in the world, mean [2] along the robot's axes."""
+    mx, my, along, left, s00, s01, s11 = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
     for g in range(hypotheses):
-        heading, variance = target[g, 2], target[g, 8]
+        heading, variance, part = target[g, 2], target[g, 8], share[g]
         for p in range(cosine.size):
-            s, c = sincos(heading[p])
-            vx[p], vy[p] = speed * c, speed * s
-            along[p], left[p] = cosine[p] * vx[p] + sine[p] * vy[p], cosine[p] * vy[p] - sine[p] * vx[p]
-            across[p] = math.sqrt(max(variance[p], 0.0))
-        mean[0] += average(share[g], vx)
-        mean[1] += average(share[g], vy)
-        relative[0] += average(share[g], along)
-        relative[1] += average(share[g], left)
-        s00 += average_product(share[g], vx, vx)
-        s01 += average_product(share[g], vx, vy)
-        s11 += average_product(share[g], vy, vy)
-        for p in range(cosine.size):  # the heading's own variance moves the velocity across itself
-            along[p], left[p] = -vy[p] * across[p], vx[p] * across[p]
-        s00 += average_product(share[g], along, along)
-        s01 += average_product(share[g], along, left)
-        s11 += average_product(share[g], left, left)
-    cov[0, 0], cov[1, 1] = max(s00 - mean[0] * mean[0], 0.0), max(s11 - mean[1] * mean[1], 0.0)
-    cov[0, 1] = cov[1, 0] = s01 - mean[0] * mean[1]
+            live = part[p] > 0.0
+            s, c = sincos(heading[p] if live else 0.0)
+            var = max(variance[p] if live else 0.0, 0.0)
+            vx, vy = part[p] * c, part[p] * s
+            mx, my = mx + vx, my + vy
+            along += (cosine[p] * vx + sine[p] * vy) if live else 0.0
+            left += (cosine[p] * vy - sine[p] * vx) if live else 0.0
+            # The heading's own variance moves the velocity across itself.
+            s00 += vx * c + vy * s * var
+            s01 += vx * s - vx * s * var
+            s11 += vy * s + vx * c * var
+    mean[0], mean[1], relative[0], relative[1] = speed * mx, speed * my, speed * along, speed * left
+    square = speed * speed
+    cov[0, 0], cov[1, 1] = square * max(s00 - mx * mx, 0.0), square * max(s11 - my * my, 0.0)
+    cov[0, 1] = cov[1, 0] = square * (s01 - mx * my)
 
 
 @jit
-def turned_velocity(vx, vy, share, cosine, sine, work, relative):
+def turned_velocity(vx, vy, share, cosine, sine, relative):
     """Mean [2] of velocities given per particle, along the robot's axes."""
+    along, left = 0.0, 0.0
     for p in range(vx.size):
-        work[0, p], work[1, p] = cosine[p] * vx[p] + sine[p] * vy[p], cosine[p] * vy[p] - sine[p] * vx[p]
-    relative[0], relative[1] = average(share, work[0]), average(share, work[1])
+        live = share[p] > 0.0
+        along += share[p] * (cosine[p] * vx[p] + sine[p] * vy[p] if live else 0.0)
+        left += share[p] * (cosine[p] * vy[p] - sine[p] * vx[p] if live else 0.0)
+    relative[0], relative[1] = along, left
+
+
+@inline
+def relative_origin(x, y, pose, cosine, sine):
+    """Where the first particle sees a point: sums are taken about it, so that no digits are lost."""
+    dx, dy = x - pose[0, 0], y - pose[1, 0]
+    u, v = cosine[0] * dx + sine[0] * dy, cosine[0] * dy - sine[0] * dx
+    return (u, v) if u + v == u + v else (0.0, 0.0)  # NaN in a particle without weight
 
 
 @jit
-def relative_moments(tx, ty, p00, p01, p11, hypotheses, share, pose, pose_cov, cosine, sine, work, mean, cov):
-    """A point given per particle, in each particle's own frame: mean [2], covariance [2, 2] of the mixture.
+def relative_sums(tx, ty, p00, p01, p11, share, pose, pose_cov, cosine, sine, x0, y0):
+    """Moments about (x0, y0) of a point given per particle, in each particle's own frame. All rows [N].
 
-    tx ... p11, share: [G, N], the hypotheses' positions, covariances and weights (G = 1 for a landmark). work: [5, N].
-    pose_cov: [6 or 0, N]; a pose that is uncertain itself adds to the point's covariance in its frame.
+    pose_cov: [6 or 0, N]; a pose that is uncertain itself adds J P J', J = [-R', (v, -u)], to the point's covariance.
+
+    Returns:
+        Sums over the particles: u, v and the second moments uu, uv, vv.
     """
-    u, v, q00, q01, q11 = work[0], work[1], work[2], work[3], work[4]
     m0, m1, s00, s01, s11 = 0.0, 0.0, 0.0, 0.0, 0.0
-    x0 = cosine[0] * (tx[0, 0] - pose[0, 0]) + sine[0] * (ty[0, 0] - pose[1, 0])
-    y0 = cosine[0] * (ty[0, 0] - pose[1, 0]) - sine[0] * (tx[0, 0] - pose[0, 0])
-    if not x0 + y0 == x0 + y0:  # NaN in a particle without weight
-        x0, y0 = 0.0, 0.0
-    for g in range(hypotheses):
-        ax, ay, a, b, d, part = tx[g], ty[g], p00[g], p01[g], p11[g], share[g]
-        for p in range(cosine.size):
-            c, s = cosine[p], sine[p]
-            dx, dy = ax[p] - pose[0, p], ay[p] - pose[1, p]
-            u[p], v[p] = c * dx + s * dy - x0, c * dy - s * dx - y0  # about one of the cloud: no digits are lost
-            q00[p] = c * c * a[p] + 2.0 * c * s * b[p] + s * s * d[p]
-            q01[p] = c * s * (d[p] - a[p]) + (c * c - s * s) * b[p]
-            q11[p] = s * s * a[p] - 2.0 * c * s * b[p] + c * c * d[p]
-        if pose_cov.shape[0] > 0:
-            _add_pose_cov(pose_cov, cosine, sine, x0, y0, u, v, q00, q01, q11)
-        m0, m1 = m0 + average(part, u), m1 + average(part, v)
-        s00 += average(part, q00) + average_product(part, u, u)
-        s01 += average(part, q01) + average_product(part, u, v)
-        s11 += average(part, q11) + average_product(part, v, v)
+    for p in range(share.size):
+        live = share[p] > 0.0
+        w, c, s = share[p], cosine[p], sine[p]
+        dx, dy = tx[p] - pose[0, p], ty[p] - pose[1, p]
+        u, v = (c * dx + s * dy - x0 if live else 0.0), (c * dy - s * dx - y0 if live else 0.0)
+        cc, cs, ss = c * c, c * s, s * s
+        q00, q01, q11 = turned(cc, cs, ss, p00[p], p01[p], p11[p])
+        m0, m1 = m0 + w * u, m1 + w * v
+        s00 += w * (q00 + u * u if live else 0.0)
+        s01 += w * (q01 + u * v if live else 0.0)
+        s11 += w * (q11 + v * v if live else 0.0)
+    if pose_cov.shape[0] == 0:
+        return m0, m1, s00, s01, s11
+    for p in range(share.size):
+        live = share[p] > 0.0
+        w, c, s = share[p], cosine[p], sine[p]
+        dx, dy = tx[p] - pose[0, p], ty[p] - pose[1, p]
+        u, v = c * dx + s * dy, c * dy - s * dx
+        along, left = c * pose_cov[2, p] + s * pose_cov[4, p], c * pose_cov[4, p] - s * pose_cov[2, p]
+        turn = pose_cov[5, p]
+        q00, q01, q11 = turned(c * c, c * s, s * s, pose_cov[0, p], pose_cov[1, p], pose_cov[3, p])
+        s00 += w * (q00 - 2.0 * v * along + v * v * turn if live else 0.0)
+        s01 += w * (q01 + u * along - v * left - u * v * turn if live else 0.0)
+        s11 += w * (q11 + 2.0 * u * left + u * u * turn if live else 0.0)
+    return m0, m1, s00, s01, s11
+
+
+@inline
+def turned(cc, cs, ss, a, b, d):
+    """A covariance (xx, xy, yy) along axes turned by the angle of these products of cosine and sine."""
+    return cc * a + 2.0 * cs * b + ss * d, cs * (d - a) + (cc - ss) * b, ss * a - 2.0 * cs * b + cc * d
+
+
+@inline
+def write_relative(x0, y0, m0, m1, s00, s01, s11, mean, cov):
+    """Mean [2] and covariance [2, 2] from moments about (x0, y0)."""
     mean[0], mean[1] = x0 + m0, y0 + m1
     cov[0, 0], cov[1, 1] = s00 - m0 * m0, s11 - m1 * m1
     cov[0, 1] = cov[1, 0] = s01 - m0 * m1
 
 
-@inline
-def _add_pose_cov(pose_cov, cosine, sine, x0, y0, u, v, q00, q01, q11):
-    """J P J' with J = [-R', (v, -u)]: how a point at (x0 + u, y0 + v) in the robot's frame moves with the pose."""
-    for p in range(u.size):
-        c, s = cosine[p], sine[p]
-        a, b, d = pose_cov[0, p], pose_cov[1, p], pose_cov[3, p]
-        along, left, turn = (
-            c * pose_cov[2, p] + s * pose_cov[4, p],
-            c * pose_cov[4, p] - s * pose_cov[2, p],
-            pose_cov[5, p],
-        )
-        rx, ry = x0 + u[p], y0 + v[p]
-        q00[p] += c * c * a + 2.0 * c * s * b + s * s * d - 2.0 * ry * along + ry * ry * turn
-        q01[p] += c * s * (d - a) + (c * c - s * s) * b + rx * along - ry * left - rx * ry * turn
-        q11[p] += s * s * a - 2.0 * c * s * b + c * c * d + 2.0 * rx * left + rx * rx * turn
-
-
 @jit
-def landmark_moments(mx, my, pxx, pxy, pyy, w, work, mean, cov):
-    """Mean [2] and covariance [2, 2] of one landmark over the particles, in the world's frame; work: [2, N]."""
-    mean[0], mean[1] = average(w, mx), average(w, my)
-    deviate(mx, mean[0], work[0])
-    deviate(my, mean[1], work[1])
-    cov[0, 0] = average(w, pxx) + average_product(w, work[0], work[0])
-    cov[1, 1] = average(w, pyy) + average_product(w, work[1], work[1])
-    cov[0, 1] = cov[1, 0] = average(w, pxy) + average_product(w, work[0], work[1])
+def landmark_moments(mx, my, pxx, pxy, pyy, w, mean, cov):
+    """Mean [2] and covariance [2, 2] of one landmark over the particles, in the world's frame."""
+    x, y = average(w, mx), average(w, my)
+    s00, s01, s11 = 0.0, 0.0, 0.0
+    for p in range(w.size):
+        live = w[p] > 0.0
+        dx, dy = mx[p] - x, my[p] - y
+        s00 += w[p] * (pxx[p] + dx * dx if live else 0.0)
+        s01 += w[p] * (pxy[p] + dx * dy if live else 0.0)
+        s11 += w[p] * (pyy[p] + dy * dy if live else 0.0)
+    mean[0], mean[1], cov[0, 0], cov[1, 1] = x, y, s00, s11
+    cov[0, 1] = cov[1, 0] = s01
 
 
 @jit

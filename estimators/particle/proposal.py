@@ -73,38 +73,32 @@ def move(pose, model, control_v, control_w, dt, normals):
     sv, sw = control_std(model, v, w, dt)
     half = normals.shape[1]
     n = pose.shape[1]
+    way, way_std, shift, shift_std, wheelbase = v * dt, sv * dt, w * dt, sw * dt, math.inf
+    if model.motion_kind == BICYCLE:
+        shift, shift_std, wheelbase = w, sw, model.wheelbase
     for part in range(2):
         first, last = part * half, min((part + 1) * half, n)
-        x, y, heading = pose[0, first:last], pose[1, first:last], pose[2, first:last]
-        noise_v, noise_w = normals[2 * part], normals[2 * part + 1]
-        if model.motion_kind == BICYCLE:
-            _move_bicycle(x, y, heading, noise_v, noise_w, v, w, sv, sw, dt, model.wheelbase)
-        else:
-            _move_unicycle(x, y, heading, noise_v, noise_w, v * dt, w * dt, sv * dt, sw * dt)
+        _move_half(
+            pose[0, first:last], pose[1, first:last], pose[2, first:last], normals[2 * part], normals[2 * part + 1],
+            way, way_std, shift, shift_std, wheelbase,
+        )  # fmt: skip
 
 
 @inline
-def _move_unicycle(x, y, heading, noise_v, noise_w, way, turn, way_std, turn_std):
-    """Eq. (16), Wu and Sun 2013: the heading at the end of the step."""
-    for p in range(x.size):
-        end = heading[p] + turn + turn_std * noise_w[p]
-        s, c = sincos(end)
-        d = way + way_std * noise_v[p]
-        x[p] += d * c
-        y[p] += d * s
-        heading[p] = wrap_smooth(end)
+def _move_half(x, y, heading, noise_way, noise_shift, way, way_std, shift, shift_std, wheelbase):
+    """A unicycle (wheelbase infinite) turns by `shift`, then drives: Eq. (16), Wu and Sun 2013.
 
-
-@inline
-def _move_bicycle(x, y, heading, noise_v, noise_w, v, steering, sv, sw, dt, wheelbase):
-    """Eq. (15), Tian et al. 2010."""
+    A bicycle drives along heading + `shift`, its steering angle: Eq. (15), Tian et al. 2010.
+    """
+    turns = wheelbase == math.inf
     for p in range(x.size):
-        angle = steering + sw * noise_w[p]
-        d = (v + sv * noise_v[p]) * dt
+        angle = shift + shift_std * noise_shift[p]
+        d = way + way_std * noise_way[p]
         s, c = sincos(heading[p] + angle)
         x[p] += d * c
         y[p] += d * s
-        heading[p] = wrap_smooth(heading[p] + d * sincos(angle)[0] / wheelbase)
+        turn = angle if turns else d * sincos(angle)[0] / wheelbase
+        heading[p] = wrap_smooth(heading[p] + turn)
 
 
 @jit

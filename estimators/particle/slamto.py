@@ -12,8 +12,8 @@ from estimators.particle.belief import fill_map_lanes, fill_pose_lanes, fill_tar
 from estimators.particle.layout import EVENTS, HEADINGS, LANE, MAP_ROWS, TWIST_ROWS, VELOCITY_ROWS
 from estimators.particle.nearest import update_nearest_lanes
 from estimators.particle.proposal import draw_start
-from estimators.particle.steps import predict_lanes, resample_lanes, update_lanes
-from estimators.particle.target import target_rows
+from estimators.particle.steps import move_lanes, resample_lanes, update_lanes
+from estimators.particle.target import predict_twist_lanes, predict_velocity_lanes, target_rows
 
 _KEY_PURPOSE = 17  # keeps the filter's stream apart from a world's that is given the same seed
 _ASSOCIATIONS = ("known", "nearest")
@@ -159,12 +159,19 @@ class SLAMTO(Estimator):
         self._pose[lane] = draw_start(mean, cov, key, self.num_particles)
 
     def predict(self, control: Floats, dt: float | Floats, *, lanes: Ints | None = None) -> None:
-        """See `Estimator.predict`: each particle draws its own motion."""
+        """See `Estimator.predict`: robot and target in each particle."""
         chosen = self.all_lanes if lanes is None else lanes
         self._dt[:] = dt
         self._resample(chosen)
-        predict_lanes(chosen, control, self._dt, self.models, self._state, self._pose, self._target, self._normals)
+        self._move(chosen, control)
+        if self.target is not None:
+            predict_target = predict_twist_lanes if self.target.kind == "twist" else predict_velocity_lanes
+            predict_target(chosen, self._dt, self.models, self._state, self._target)
         self.belief.mark_stale()
+
+    def _move(self, chosen: Ints, control: Floats) -> None:
+        """Each particle draws its own motion."""
+        move_lanes(chosen, control, self._dt, self.models, self._state, self._pose, self._normals)
 
     def update(self, scan: Scan, *, lanes: Ints | None = None) -> None:
         """See `Estimator.update`: EKFs inside each particle, then the weights."""

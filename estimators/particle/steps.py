@@ -15,23 +15,28 @@ from estimators.models import NO_TARGET, TWIST
 from estimators.particle.columns import gather_weights, share_outside, start_column, update_column
 from estimators.particle.layout import DRAW_MOTION, DRAW_RESAMPLE, HEADINGS, OPEN, REFUSED
 from estimators.particle.proposal import draw_normals, move, trigonometry
-from estimators.particle.target import fit_point, position_rows, predict_target, settle, start_target, update_target
+from estimators.particle.target import (
+    apply_terms,
+    fit_point,
+    gather_terms,
+    position_rows,
+    settle,
+    share_out,
+    start_target,
+    weigh_hypothesis,
+)
 
 FLUSH = 8  # determinants multiplied before their logarithm is taken: far from under- and overflow
 
 
 @jit
-def predict_lanes(lanes, control, dt, models, state, pose, target, normals):
-    """Every particle draws its own motion; every particle's target is predicted. control [L, 2], dt [L]."""
+def move_lanes(lanes, control, dt, models, state, pose, normals):
+    """Every particle draws its own motion. control [L, 2], dt [L]."""
     for lane in lanes:
-        if not dt[lane] > 0.0:
-            continue
-        state[lane].step += 1
-        model = models[lane]
-        draw_normals(state[lane].key, state[lane].step, DRAW_MOTION, normals)
-        move(pose[lane], model, control[lane, 0], control[lane, 1], dt[lane], normals)
-        if model.target_kind != NO_TARGET:
-            predict_target(target[lane], state[lane].hypotheses, model, dt[lane])
+        if dt[lane] > 0.0:
+            state[lane].step += 1
+            draw_normals(state[lane].key, state[lane].step, DRAW_MOTION, normals)
+            move(pose[lane], models[lane], control[lane, 0], control[lane, 1], dt[lane], normals)
 
 
 @jit
@@ -166,10 +171,16 @@ def take_target(lane, distance, bearing, model, state, pose, target, log_hypothe
         )
         return 0
     n_t = 3 if model.target_kind == TWIST else 4
-    update_target(
-        target, log_hypothesis, hypotheses, n_t, terms, work, likelihood[0], likelihood[1], log_w, x, y, cosine, sine,
-        distance, cb, sb, var_r, var_b,
-    )  # fmt: skip
+    for g in range(hypotheses):
+        p00, p01, p11 = position_rows(target[g])
+        fit_point(target[g, 0], target[g, 1], p00, p01, p11, terms, x, y, cosine, sine, distance, cb, sb, var_r, var_b)
+        apply_terms(target[g], n_t, terms, work)
+        if hypotheses == 1:
+            gather_terms(terms, likelihood)
+        else:
+            weigh_hypothesis(terms, log_hypothesis[g])
+    if hypotheses > 1:
+        share_out(log_hypothesis, hypotheses, log_w)
     return 1
 
 

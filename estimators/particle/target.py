@@ -9,7 +9,7 @@ import math
 
 import numpy as np
 
-from estimators.kernels.elementary import sincos, wrap_smooth
+from estimators.kernels.elementary import log, sincos, wrap_smooth
 from estimators.kernels.jit import inline, jit
 from estimators.models import TWIST
 from estimators.particle.columns import beam_cov, fit
@@ -21,8 +21,23 @@ ITERATIONS = 10
 
 
 @jit
-def predict_twist(rows, model, dt):
-    """Eqs. (16) and (17), Wu and Sun 2013, on one hypothesis [9, N] of every particle."""
+def predict_twist_lanes(lanes, dt, models, state, target):
+    """Eqs. (16) and (17), Wu and Sun 2013, in every hypothesis of every particle. target: [L, G, 9, N]; dt: [L]."""
+    for lane in lanes:
+        for g in range(state[lane].hypotheses if dt[lane] > 0.0 else 0):
+            _predict_twist(target[lane, g], models[lane], dt[lane])
+
+
+@jit
+def predict_velocity_lanes(lanes, dt, models, state, target):
+    """White acceleration over dt in every particle. target: [L, 1, 14, N]; dt: [L]."""
+    for lane in lanes:
+        if dt[lane] > 0.0 and state[lane].hypotheses > 0:
+            _predict_velocity(target[lane, 0], models[lane], dt[lane])
+
+
+@inline
+def _predict_twist(rows, model, dt):
     x, y, heading = rows[0], rows[1], rows[2]
     p00, p01, p02, p11, p12, p22 = rows[3], rows[4], rows[5], rows[6], rows[7], rows[8]
     way, turn = model.target_speed * dt, model.target_turn_rate * dt
@@ -44,9 +59,8 @@ def predict_twist(rows, model, dt):
         p22[p] = a22
 
 
-@jit
-def predict_velocity(rows, model, dt):
-    """White acceleration over dt on one hypothesis [14, N] of every particle."""
+@inline
+def _predict_velocity(rows, model, dt):
     x, y, vx, vy = rows[0], rows[1], rows[2], rows[3]
     p00, p01, p02, p03, p11 = rows[4], rows[5], rows[6], rows[7], rows[8]
     p12, p13, p22, p23, p33 = rows[9], rows[10], rows[11], rows[12], rows[13]
@@ -64,16 +78,6 @@ def predict_velocity(rows, model, dt):
         p13[p] += dt * p33[p] + q_pv
         p22[p] += q_vv
         p33[p] += q_vv
-
-
-@jit
-def predict_target(target, hypotheses, model, dt):
-    """Every hypothesis of every particle on by dt seconds. target: [G, F, N]."""
-    for g in range(hypotheses):
-        if model.target_kind == TWIST:
-            predict_twist(target[g], model, dt)
-        else:
-            predict_velocity(target[g], model, dt)
 
 
 @jit
@@ -142,7 +146,7 @@ def fit_point(tx, ty, p00, p01, p11, terms, x, y, cosine, sine, distance, cb, sb
                 )
 
 
-@inline
+@jit
 def _iterate(dx, dy, p00, p01, p11, distance, beam_x, beam_y, var_r, var_b):
     """Terms of the iterated update: linearised where the posterior is, started from the return itself.
 
@@ -217,27 +221,22 @@ def _triangle(n_t, i, j):
 
 
 @jit
-def update_target(
-    target, log_hypothesis, hypotheses, n_t, terms, work, nis_sum, det_product, log_w, x, y, cosine, sine, distance,
-    cb, sb, var_r, var_b,
-):  # fmt: skip
-    """Take a return into every particle's target, and its likelihood into the weights. Eqs. (13) and (18)."""
-    for g in range(hypotheses):
-        p00, p01, p11 = position_rows(target[g])
-        fit_point(target[g, 0], target[g, 1], p00, p01, p11, terms, x, y, cosine, sine, distance, cb, sb, var_r, var_b)
-        apply_terms(target[g], n_t, terms, work)
-        for p in range(x.size):
-            if hypotheses == 1:
-                nis_sum[p] += terms[5, p]
-                det_product[p] *= terms[6, p]
-            else:
-                log_hypothesis[g, p] -= 0.5 * (terms[5, p] + math.log(terms[6, p]))
-    if hypotheses > 1:
-        _share_out(log_hypothesis, hypotheses, log_w)
+def gather_terms(terms, likelihood):
+    """A return's likelihood in every particle, kept until `gather_weights`. likelihood: [2, N]."""
+    for p in range(terms.shape[1]):
+        likelihood[0, p] += terms[5, p]
+        likelihood[1, p] *= terms[6, p]
 
 
-@inline
-def _share_out(log_hypothesis, hypotheses, log_w):
+@jit
+def weigh_hypothesis(terms, log_hypothesis):
+    """A return's likelihood under one hypothesis of every particle, into its log weight [N]."""
+    for p in range(terms.shape[1]):
+        log_hypothesis[p] -= 0.5 * (terms[5, p] + log(terms[6, p]))
+
+
+@jit
+def share_out(log_hypothesis, hypotheses, log_w):
     """Normalise the hypotheses within each particle; what they summed to is the particle's likelihood."""
     for p in range(log_w.size):
         top = log_hypothesis[0, p]
@@ -265,7 +264,7 @@ def settle(target, log_hypothesis, hypotheses, w):
     return 1
 
 
-@inline
+@jit
 def _resultant(target, log_hypothesis, hypotheses, p):
     """Length and direction of the hypotheses' mean direction."""
     cosine, sine = 0.0, 0.0
@@ -276,7 +275,7 @@ def _resultant(target, log_hypothesis, hypotheses, p):
     return math.sqrt(cosine * cosine + sine * sine), math.atan2(sine, cosine)
 
 
-@inline
+@jit
 def _merge(target, log_hypothesis, hypotheses, p):
     """Moments of one particle's hypotheses (twist: x, y, heading), written over the first."""
     centre = _resultant(target, log_hypothesis, hypotheses, p)[1]
