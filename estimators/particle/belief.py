@@ -4,6 +4,7 @@ import math
 
 from estimators.kernels.jit import jit
 from estimators.models import TWIST
+from estimators.particle.map_storage import read_column
 from estimators.particle.moments import (
     direction_variance,
     landmark_moments,
@@ -73,8 +74,8 @@ def fill_target_lanes(
 
 @jit
 def fill_map_lanes(
-    state, ids, used, pose, pose_cov, maps, w, own_maps, scratch, count, out_ids, mapped, mean, cov, relative,
-    relative_cov,
+    state, ids, used, pose, pose_cov, maps, points, ancestors, index, w, own_maps, scratch, count, out_ids, mapped,
+    mean, cov, relative, relative_cov,
 ):  # fmt: skip
     """The map's buffers (see `Belief`), empty on entry.
 
@@ -93,7 +94,7 @@ def fill_map_lanes(
         for j in range(count[lane]):
             mapped[lane, j] = True
             out_ids[lane, j] = j if own_maps else ids[lane, j]
-            m = maps[lane, j]
+            m = read_column(j, maps[lane], points[lane], ancestors[lane], index[lane], scratch[3:8])
             landmark_moments(m[0], m[1], m[2], m[3], m[4], weights, mean[lane, j], cov[lane, j])
             x0, y0 = relative_origin(m[0, 0], m[1, 0], pose[lane], cosine, sine)
             m0, m1, s00, s01, s11 = relative_sums(

@@ -11,6 +11,7 @@ from estimators.models import NO_TARGET
 from estimators.particle.columns import gather_weights
 from estimators.particle.gaussian_pose import POSE_COV_ROWS, condition_on_point, draw_poses, predict_poses
 from estimators.particle.layout import OPEN, REFUSED, USED
+from estimators.particle.map_storage import open_column
 from estimators.particle.slamto import SLAMTO
 from estimators.particle.steps import FLUSH, begin_sweep
 from estimators.particle.target import position_rows
@@ -27,8 +28,8 @@ def carry_lanes(lanes, control, dt, models, state, pose, pose_cov):
 
 @jit
 def propose_lanes(
-    lanes, ranges, bearings, labels, count, proposed, models, state, ids, pose, pose_cov, maps, target, log_w, w,
-    scratch, normals, gate,
+    lanes, ranges, bearings, labels, count, proposed, models, state, ids, pose, pose_cov, maps, points, ancestors,
+    index, target, log_w, w, scratch, normals, gate,
 ):  # fmt: skip
     """Condition every pose on the returns of known points, weigh it by their likelihood, draw it.
 
@@ -47,7 +48,10 @@ def propose_lanes(
             if slot == DROPPED or slot == NEW or (slot == TARGET_SLOT and state[lane].hypotheses != 1):
                 continue
             is_target = slot == TARGET_SLOT
-            point = target[lane, 0] if is_target else maps[lane, slot]
+            if is_target:
+                point = target[lane, 0]
+            else:
+                point = open_column(slot, maps[lane], points[lane], ancestors[lane], index[lane])
             limit = models[lane].reinitialise_nis if is_target else gate
             p00, p01, p11 = position_rows(point)
             if condition_on_point(
@@ -150,7 +154,7 @@ class FastSLAM2(SLAMTO):
         if self.association == "known":
             propose_lanes(
                 chosen, scan.ranges, scan.bearings, scan.labels, scan.count, self._proposed, self.models, self._state,
-                self._ids, self._pose, self._pose_cov, self._maps, self._target, self._log_w, self._w, self._scratch,
-                self._normals, self.gate,
+                self._ids, self._pose, self._pose_cov, self._maps, self._points, self._ancestors, self._index,
+                self._target, self._log_w, self._w, self._scratch, self._normals, self.gate,
             )  # fmt: skip
         super().update(scan, lanes=lanes)

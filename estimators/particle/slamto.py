@@ -9,7 +9,8 @@ from estimators.interface import Estimator, Floats, Ints, Scan
 from estimators.kernels.random import lane_key
 from estimators.models import TWIST, MotionModel, SensorModel, TargetModel
 from estimators.particle.belief import fill_map_lanes, fill_pose_lanes, fill_target_lanes
-from estimators.particle.layout import EVENTS, HEADINGS, LANE, MAP_ROWS, TWIST_ROWS, VELOCITY_ROWS
+from estimators.particle.layout import EVENTS, HEADINGS, LANE, TWIST_ROWS, VELOCITY_ROWS
+from estimators.particle.map_storage import SIZES, allocate, clear, grown
 from estimators.particle.nearest import update_nearest_lanes
 from estimators.particle.proposal import draw_start
 from estimators.particle.steps import move_lanes, resample_lanes, update_lanes
@@ -17,8 +18,12 @@ from estimators.particle.target import predict_twist_lanes, predict_velocity_lan
 
 _KEY_PURPOSE = 17  # keeps the filter's stream apart from a world's that is given the same seed
 _ASSOCIATIONS = ("known", "nearest")
+_STORES = ("lazy", "dense")
 _SCRATCH_ROWS = 23
-_STATE = ("state", "pose", "pose_cov", "log_w", "w", "used", "ids", "maps", "target", "log_hypothesis")
+_STATE = (
+    "state", "pose", "pose_cov", "log_w", "w", "used", "ids", "maps", "points", "ancestors", "index", "target",
+    "log_hypothesis",
+)  # fmt: skip
 _TARGET_BUFFERS = (
     "target_known", "target_mean", "target_cov", "target_velocity", "target_velocity_cov", "target_heading",
     "target_heading_var", "target_rel", "target_rel_cov", "target_rel_velocity",
@@ -68,6 +73,9 @@ class SLAMTO(Estimator):
             refused; infinite by default.
         match_gate, new_gate: "nearest": a return within `match_gate` of a landmark is its; outside `new_gate` of
             all it is a new landmark; between the two it is left alone.
+        map_storage: "lazy" puts a landmark's column into the particles' order when it is seen again, "dense" moves the
+            whole map at each resampling: the same numbers bit for bit, see `particle.map_storage`. "nearest" reads
+            every column in every sweep and is always dense.
     """
 
     name: ClassVar[str] = "slamto"
@@ -88,6 +96,7 @@ class SLAMTO(Estimator):
         gate: float = np.inf,
         match_gate: float = 16.0,
         new_gate: float = 25.0,
+        map_storage: Literal["lazy", "dense"] = "lazy",
     ) -> None:
         super().__init__(motion, sensor, target, num_lanes=num_lanes, max_landmarks=max_landmarks)
         if particles < 2:
@@ -102,7 +111,10 @@ class SLAMTO(Estimator):
                 f"new_gate={new_gate}"
             )
         self.num_particles, self.resample_threshold = int(particles), float(resample_threshold)
+        if map_storage not in _STORES:
+            raise ValueError(f"map_storage must be one of {', '.join(map(repr, _STORES))}; got {map_storage!r}")
         self.association = association
+        self._lazy = map_storage == "lazy" and association == "known"
         self.gate, self.match_gate, self.new_gate = float(gate), float(match_gate), float(new_gate)
         self._allocate()
         self.reset(np.zeros(3), np.zeros((3, 3)), seeds=np.arange(self.num_lanes))
@@ -118,13 +130,13 @@ class SLAMTO(Estimator):
         self._log_w, self._w = np.zeros((L, N)), np.zeros((L, N))
         self._used = np.zeros((L, N), dtype=np.int64)
         self._ids = np.full((L, M), -1, dtype=np.int64)
-        self._maps = np.zeros((L, M, MAP_ROWS, N))
+        self._maps, self._points, self._ancestors, self._index = allocate(L, M, N, self._lazy)
         self._target = np.zeros((L, hypotheses, rows, N))
         self._log_hypothesis = np.zeros((L, hypotheses, N))
         self._scratch = np.zeros((_SCRATCH_ROWS, N))
         self._normals = np.zeros((4, (N + 1) // 2))
         self._proposed = np.zeros((L, 0), dtype=np.int64)
-        self._index = np.zeros((3, N), dtype=np.int64)
+        self._places = np.zeros((3, N), dtype=np.int64)
         self._dt = np.zeros(L)
         self._returns = (np.zeros((0, N)), np.zeros((0, N)), np.zeros((0, N), dtype=np.int64), np.zeros(0))
 
@@ -143,6 +155,9 @@ class SLAMTO(Estimator):
         chosen = prior.lanes
         self._state[chosen] = np.zeros((), dtype=LANE)
         self._ids[chosen] = -1
+        cleared = self._index[chosen]
+        clear(cleared, self._maps.shape[1], self._lazy)
+        self._index[chosen] = cleared
         self._log_w[chosen], self._w[chosen], self._used[chosen] = 0.0, 1.0 / self.num_particles, 0
         for i, lane in enumerate(chosen):
             key = lane_key(prior.seeds[i], _KEY_PURPOSE)
@@ -181,8 +196,8 @@ class SLAMTO(Estimator):
         if self.association == "known":
             update_lanes(
                 chosen, scan.ranges, scan.bearings, scan.labels, scan.count, self._proposed, self.models, self._state,
-                self._ids, self._pose, self._maps, self._target, self._log_hypothesis, self._log_w, self._w,
-                self._scratch, self.gate, self.resample_threshold,
+                self._ids, self._pose, self._maps, self._points, self._ancestors, self._index, self._target,
+                self._log_hypothesis, self._log_w, self._w, self._scratch, self.gate, self.resample_threshold,
             )  # fmt: skip
         else:
             update_nearest_lanes(
@@ -193,7 +208,9 @@ class SLAMTO(Estimator):
         self.belief.mark_stale()
 
     def _widen(self, width: int) -> None:
-        """Scratch for `width` returns."""
+        """Room for `width` returns: scratch, and columns for what they may touch."""
+        if self._lazy and self._maps.shape[1] <= self.max_landmarks and self._index[:, SIZES, 0].min() <= width:
+            self._maps = grown(self._maps, self._index, width + 1, self.max_landmarks)
         if self._proposed.shape[1] < width:
             self._proposed = np.zeros((self.num_lanes, width), dtype=np.int64)
         if self.association != "known" and self._returns[0].shape[0] < width:
@@ -202,8 +219,8 @@ class SLAMTO(Estimator):
 
     def _resample(self, chosen: Ints) -> None:
         resample_lanes(
-            chosen, self._state, self._pose, self._pose_cov, self._maps, self._target, self._log_hypothesis,
-            self._log_w, self._w, self._used, self._index,
+            chosen, self._state, self._pose, self._pose_cov, self._maps, self._points, self._ancestors, self._index,
+            self._target, self._log_hypothesis, self._log_w, self._w, self._used, self._places,
         )  # fmt: skip
 
     def _fill_core(self, buffers: dict[str, Any]) -> None:
@@ -227,8 +244,8 @@ class SLAMTO(Estimator):
             buffer[...] = 0
         buffers["landmark_id"].fill(-1)
         fill_map_lanes(
-            self._state, self._ids, self._used, self._pose, self._pose_cov, self._maps, self._w,
-            self.association != "known", self._scratch, *filled,
+            self._state, self._ids, self._used, self._pose, self._pose_cov, self._maps, self._points,
+            self._ancestors, self._index, self._w, self.association != "known", self._scratch, *filled,
         )  # fmt: skip
 
     @property
@@ -247,6 +264,6 @@ class SLAMTO(Estimator):
     def set_state(self, state: dict[str, Any]) -> None:
         """See `Estimator.set_state`."""
         for name in _STATE:
-            getattr(self, f"_{name}")[...] = state[name]
+            setattr(self, f"_{name}", state[name].copy())
         self.models[...] = state["models"]
         self.belief.mark_stale()

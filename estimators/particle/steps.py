@@ -14,6 +14,7 @@ from estimators.kernels.resampling import move_columns, moves, normalise, system
 from estimators.models import NO_TARGET, TWIST
 from estimators.particle.columns import gather_weights, share_outside, start_column, update_column
 from estimators.particle.layout import DRAW_MOTION, DRAW_RESAMPLE, HEADINGS, OPEN, REFUSED
+from estimators.particle.map_storage import move_particles, open_column
 from estimators.particle.proposal import draw_normals, move, trigonometry
 from estimators.particle.target import (
     apply_terms,
@@ -41,8 +42,8 @@ def move_lanes(lanes, control, dt, models, state, pose, normals):
 
 @jit
 def update_lanes(
-    lanes, ranges, bearings, labels, count, proposed, models, state, ids, pose, maps, target, log_hypothesis, log_w, w,
-    scratch, gate, threshold,
+    lanes, ranges, bearings, labels, count, proposed, models, state, ids, pose, maps, points, ancestors, index, target,
+    log_hypothesis, log_w, w, scratch, gate, threshold,
 ):  # fmt: skip
     """Take in one sweep whose returns say what they are (known association). scratch: [23, N].
 
@@ -68,7 +69,8 @@ def update_lanes(
             else:
                 told = take_landmark(
                     lane, slot, distance, bearing, labels[lane, k], models[lane], state, ids, pose[lane], maps[lane],
-                    w[lane], scratch, likelihood, gate if is_open else math.inf,
+                    points[lane], ancestors[lane], index[lane], w[lane], scratch, likelihood,
+                    gate if is_open else math.inf,
                 )  # fmt: skip
             taken += told if is_open else 0
             if taken == FLUSH:
@@ -113,7 +115,8 @@ def likelihood_rows(scratch, is_open):
 
 @jit
 def take_landmark(
-    lane, slot, distance, bearing, label, model, state, ids, pose, maps, w, scratch, likelihood, gate
+    lane, slot, distance, bearing, label, model, state, ids, pose, maps, points, ancestors, index, w, scratch,
+    likelihood, gate,
 ):  # fmt: skip
     """A return of a landmark: start its column or update it; tells whether something is to be gathered."""
     x, y, cosine, sine = pose[0], pose[1], scratch[0], scratch[1]
@@ -121,15 +124,15 @@ def take_landmark(
     var_r, var_b = range_std * range_std, bearing_std * bearing_std
     cb, sb = math.cos(bearing), math.sin(bearing)
     if slot == NEW:
-        if state[lane].count == maps.shape[0]:
+        if state[lane].count == ids.shape[1]:
             state[lane].overflow += 1
             return 0
-        m = maps[state[lane].count]
+        m = open_column(state[lane].count, maps, points, ancestors, index)
         ids[lane, state[lane].count] = label
         state[lane].count += 1
         start_column(m[0], m[1], m[2], m[3], m[4], x, y, cosine, sine, distance, cb, sb, var_r, var_b)
         return 0
-    m = maps[slot]
+    m = open_column(slot, maps, points, ancestors, index)
     if gate < math.inf:
         outside = share_outside(
             m[0], m[1], m[2], m[3], m[4], x, y, cosine, sine, w, distance, cb, sb, var_r, var_b, gate
@@ -185,9 +188,11 @@ def take_target(lane, distance, bearing, model, state, pose, target, log_hypothe
 
 
 @jit
-def resample_lanes(lanes, state, pose, pose_cov, maps, target, log_hypothesis, log_w, w, used, index):
-    """Systematic resampling in the lanes where it is due. index: [3, N] integer scratch."""
-    copies, source, destination = index[0], index[1], index[2]
+def resample_lanes(
+    lanes, state, pose, pose_cov, maps, points, ancestors, index, target, log_hypothesis, log_w, w, used, places,
+):  # fmt: skip
+    """Systematic resampling in the lanes where it is due. places: [3, N] integer scratch."""
+    copies, source, destination = places[0], places[1], places[2]
     for lane in lanes:
         if state[lane].due == 0:
             continue
@@ -198,8 +203,9 @@ def resample_lanes(lanes, state, pose, pose_cov, maps, target, log_hypothesis, l
         count = moves(copies, source, destination)
         move_columns(pose[lane], source, destination, count)
         move_columns(pose_cov[lane], source, destination, count)
-        for j in range(state[lane].count):
-            move_columns(maps[lane, j], source, destination, count)
+        move_particles(
+            state[lane].count, maps[lane], points[lane], ancestors[lane], index[lane], source, destination, count
+        )  # fmt: skip
         for g in range(state[lane].hypotheses):
             move_columns(target[lane, g], source, destination, count)
         move_columns(log_hypothesis[lane, : state[lane].hypotheses], source, destination, count)

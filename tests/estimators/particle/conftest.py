@@ -86,7 +86,7 @@ def make():
     """A filter (SLAMTO unless `cls` says otherwise) in that world; `kind`: the target model, None for no target."""
 
     def build(kind="twist", prior=True, **options):
-        options = {"particles": 30, "max_landmarks": 6, "resample_threshold": 0.0, **options}
+        options = {"particles": 30, "max_landmarks": 6, "resample_threshold": 0.0, "map_storage": "dense", **options}
         motion, sensor = options.pop("motion", MOTION), options.pop("sensor", SENSOR)
         target = options.pop("target", TARGETS[kind] if kind else None)
         filter_ = options.pop("cls", SLAMTO)(motion, sensor, target, **options)
