@@ -15,7 +15,7 @@ from estimators.kernels.range_bearing import noise_std
 from estimators.models import BICYCLE
 from estimators.particle.layout import DRAW_POSE
 from estimators.particle.proposal import draw_normals
-from estimators.particle.target import fit_point
+from estimators.particle.target import fit_point, gather_terms
 
 POSE_COV_ROWS = 6
 _PIVOT_FLOOR = 1e-14  # a pivot below this share of its variance is rounding: the direction is known
@@ -69,43 +69,56 @@ def displacement_cov(dx, dy, p00, p01, p11, c00, c01, c02, c11, c12, c22):
 @jit
 def displacement_rows(pose, cov, mx, my, p00, p01, p11, out):
     """`displacement_cov` of one point in every particle. out: [3, N], written."""
+    x, y, c00, c01, c02, c11, c12, c22 = pose[0], pose[1], cov[0], cov[1], cov[2], cov[3], cov[4], cov[5]
+    q00, q01, q11 = out[0], out[1], out[2]
     for p in range(mx.size):
-        out[0, p], out[1, p], out[2, p] = displacement_cov(
-            mx[p] - pose[0, p], my[p] - pose[1, p], p00[p], p01[p], p11[p],
-            cov[0, p], cov[1, p], cov[2, p], cov[3, p], cov[4, p], cov[5, p],
-        )  # fmt: skip
+        q00[p], q01[p], q11[p] = displacement_cov(
+            mx[p] - x[p], my[p] - y[p], p00[p], p01[p], p11[p], c00[p], c01[p], c02[p], c11[p], c12[p], c22[p]
+        )
 
 
 @inline
-def condition_one(pose, cov, p, dx, dy, b0, b1, a00, a01, a11):
-    """One pose conditioned on a return whose `fit` is given: mean += C b, cov -= C A2 C', C = Cov(pose, D)."""
-    c00, c01, c02, c11, c12, c22 = cov[0, p], cov[1, p], cov[2, p], cov[3, p], cov[4, p], cov[5, p]
+def conditioned(dx, dy, c00, c01, c02, c11, c12, c22, b0, b1, a00, a01, a11):
+    """A pose conditioned on a return whose `fit` is given: mean += C b, cov -= C A2 C', C = Cov(pose, D).
+
+    Returns:
+        The mean's step (x, y, heading) and the new covariance (xx, xy, xh, yy, yh, hh).
+    """
     k00, k01 = dy * c02 - c00, -c01 - dx * c02
     k10, k11 = dy * c12 - c01, -c11 - dx * c12
     k20, k21 = dy * c22 - c02, -c12 - dx * c22
     g00, g01 = k00 * a00 + k01 * a01, k00 * a01 + k01 * a11
     g10, g11 = k10 * a00 + k11 * a01, k10 * a01 + k11 * a11
     g20, g21 = k20 * a00 + k21 * a01, k20 * a01 + k21 * a11
-    pose[0, p] += k00 * b0 + k01 * b1
-    pose[1, p] += k10 * b0 + k11 * b1
-    pose[2, p] = wrap_smooth(pose[2, p] + k20 * b0 + k21 * b1)
-    cov[0, p] = c00 - g00 * k00 - g01 * k01
-    cov[1, p] = c01 - g00 * k10 - g01 * k11
-    cov[2, p] = c02 - g00 * k20 - g01 * k21
-    cov[3, p] = c11 - g10 * k10 - g11 * k11
-    cov[4, p] = c12 - g10 * k20 - g11 * k21
-    cov[5, p] = c22 - g20 * k20 - g21 * k21
+    return (
+        k00 * b0 + k01 * b1,
+        k10 * b0 + k11 * b1,
+        k20 * b0 + k21 * b1,
+        c00 - g00 * k00 - g01 * k01,
+        c01 - g00 * k10 - g01 * k11,
+        c02 - g00 * k20 - g01 * k21,
+        c11 - g10 * k10 - g11 * k11,
+        c12 - g10 * k20 - g11 * k21,
+        c22 - g20 * k20 - g21 * k21,
+    )
 
 
 @jit
 def condition_poses(pose, cov, mx, my, terms, cosine, sine):
     """Every pose conditioned on one return of the point (mx, my); its new cosine and sine. terms: [7, N], see `fit`."""
+    x, y, heading = pose[0], pose[1], pose[2]
+    c00, c01, c02, c11, c12, c22 = cov[0], cov[1], cov[2], cov[3], cov[4], cov[5]
+    b0, b1, a00, a01, a11 = terms[0], terms[1], terms[2], terms[3], terms[4]
     for p in range(mx.size):
-        condition_one(
-            pose, cov, p, mx[p] - pose[0, p], my[p] - pose[1, p],
-            terms[0, p], terms[1, p], terms[2, p], terms[3, p], terms[4, p],
+        step_x, step_y, step_h, c00[p], c01[p], c02[p], c11[p], c12[p], c22[p] = conditioned(
+            mx[p] - x[p], my[p] - y[p], c00[p], c01[p], c02[p], c11[p], c12[p], c22[p],
+            b0[p], b1[p], a00[p], a01[p], a11[p],
         )  # fmt: skip
-        sine[p], cosine[p] = sincos(pose[2, p])
+        x[p] += step_x
+        y[p] += step_y
+        turned = wrap_smooth(heading[p] + step_h)
+        heading[p] = turned
+        sine[p], cosine[p] = sincos(turned)
 
 
 @jit
@@ -137,9 +150,7 @@ def condition_on_point(
         if outside > 0.5:
             return False
     condition_poses(pose, cov, mx, my, terms, scratch[0], scratch[1])
-    for p in range(w.size):
-        likelihood[0, p] += terms[5, p]
-        likelihood[1, p] *= terms[6, p]
+    gather_terms(terms, likelihood)
     return True
 
 
@@ -155,15 +166,15 @@ def _root(pivot, variance):
 def draw_poses(key, step, pose, cov, normals):
     """Draw each pose from its Gaussian, whose covariance is zero afterwards. normals: [4, N] scratch."""
     draw_normals(key, step, DRAW_POSE, normals)
-    for p in range(pose.shape[1]):
-        l00, i00 = _root(cov[0, p], cov[0, p])
-        l10, l20 = cov[1, p] * i00, cov[2, p] * i00
-        l11, i11 = _root(cov[3, p] - l10 * l10, cov[3, p])
-        l21 = (cov[4, p] - l10 * l20) * i11
-        l22, _ = _root(cov[5, p] - l20 * l20 - l21 * l21, cov[5, p])
-        a, b, c = normals[0, p], normals[1, p], normals[2, p]
-        pose[0, p] += l00 * a
-        pose[1, p] += l10 * a + l11 * b
-        pose[2, p] = wrap_smooth(pose[2, p] + l20 * a + l21 * b + l22 * c)
-        for i in range(POSE_COV_ROWS):
-            cov[i, p] = 0.0
+    x, y, heading, a, b, c = pose[0], pose[1], pose[2], normals[0], normals[1], normals[2]
+    c00, c01, c02, c11, c12, c22 = cov[0], cov[1], cov[2], cov[3], cov[4], cov[5]
+    for p in range(x.size):
+        l00, i00 = _root(c00[p], c00[p])
+        l10, l20 = c01[p] * i00, c02[p] * i00
+        l11, i11 = _root(c11[p] - l10 * l10, c11[p])
+        l21 = (c12[p] - l10 * l20) * i11
+        l22, _ = _root(c22[p] - l20 * l20 - l21 * l21, c22[p])
+        x[p] += l00 * a[p]
+        y[p] += l10 * a[p] + l11 * b[p]
+        heading[p] = wrap_smooth(heading[p] + l20 * a[p] + l21 * b[p] + l22 * c[p])
+        c00[p] = c01[p] = c02[p] = c11[p] = c12[p] = c22[p] = 0.0

@@ -11,14 +11,14 @@ one: otherwise particles that invent landmarks win.
 import math
 
 from estimators.interface import TARGET
-from estimators.kernels.elementary import sincos
+from estimators.kernels.elementary import sincos, wrap_smooth
 from estimators.kernels.jit import inline, jit
 from estimators.kernels.range_bearing import noise_std, usable
 from estimators.models import NO_TARGET
 from estimators.particle.columns import assimilate, beam_cov, fit, gather_weights
 from estimators.particle.gaussian_pose import (
     condition_on_point,
-    condition_one,
+    conditioned,
     displacement_cov,
     displacement_rows,
     draw_poses,
@@ -189,7 +189,16 @@ def _propose(
             dx, dy = maps[j, 0, p] - pose[0, p], maps[j, 1, p] - pose[1, p]
             p00, p01, p11 = _seen(dx, dy, maps[j, 2, p], maps[j, 3, p], maps[j, 4, p], pose_cov, p)
             b0, b1, a00, a01, a11, nis, det = fit(dx, dy, p00, p01, p11, ranges[k], beam_x, beam_y, var_r, var_b)
-            condition_one(pose, pose_cov, p, dx, dy, b0, b1, a00, a01, a11)
+            (
+                step_x, step_y, step_h, pose_cov[0, p], pose_cov[1, p], pose_cov[2, p], pose_cov[3, p], pose_cov[4, p],
+                pose_cov[5, p],
+            ) = conditioned(
+                dx, dy, pose_cov[0, p], pose_cov[1, p], pose_cov[2, p], pose_cov[3, p], pose_cov[4, p], pose_cov[5, p],
+                b0, b1, a00, a01, a11,
+            )  # fmt: skip
+            pose[0, p] += step_x
+            pose[1, p] += step_y
+            pose[2, p] = wrap_smooth(pose[2, p] + step_h)
             log_w[p] -= 0.5 * (nis + math.log(det)) + _LOG_TWO_PI
             scratch[1, p], scratch[0, p] = sincos(pose[2, p])
     draw_poses(state[lane].key, state[lane].step, pose, pose_cov, normals)
