@@ -14,14 +14,19 @@ Number = float | tuple[float, float]
 def number(
     default: Number, low: float = -math.inf, high: float = math.inf, *, above: float | None = None, whole: bool = False
 ) -> Any:
-    """A number of the world: within [low, high], more than `above`, perhaps whole; may be a range."""
+    """A number of the world: within [low, high], more than `above`, perhaps whole; may be a range.
+
+    It must be finite, unless its default is infinite.
+    """
     rule = {"kind": "number", "low": low, "high": high, "above": above, "whole": whole, "ranged": True}
+    rule["infinite"] = default == math.inf
     return field(default=default, metadata=rule)
 
 
 def constant(default: float, low: float = -math.inf, *, above: float | None = None, whole: bool = False) -> Any:
     """A number that the structure of an episode depends on, so never a range."""
     rule = {"kind": "number", "low": low, "high": math.inf, "above": above, "whole": whole, "ranged": False}
+    rule["infinite"] = False
     return field(default=default, metadata=rule)
 
 
@@ -94,10 +99,16 @@ def _checked_number(name: str, value: Any, rule: Mapping[str, Any]) -> Number:
 def _one(name: str, value: Any, rule: Mapping[str, Any]) -> float:
     if isinstance(value, bool) or not isinstance(value, (int, float)) or math.isnan(value):
         raise ValueError(f"{name} must be a number{' or a range [low, high]' if rule['ranged'] else ''}; got {value!r}")
+    if math.isinf(value) and not rule["infinite"]:
+        raise ValueError(f"{name} must be finite; got {value!r}")
     if rule["above"] is not None and not value > rule["above"]:
         raise ValueError(f"{name} must be more than {rule['above']:g}; got {value!r}")
     if not rule["low"] <= value <= rule["high"]:
-        limits = f"at least {rule['low']:g}" if math.isinf(rule["high"]) else f"{rule['low']:g} to {rule['high']:g}"
+        limits = f"{rule['low']:g} to {rule['high']:g}"
+        if math.isinf(rule["high"]):
+            limits = f"at least {rule['low']:g}"
+        elif math.isinf(rule["low"]):
+            limits = f"at most {rule['high']:g}"
         raise ValueError(f"{name} must be {limits}; got {value!r}")
     if rule["whole"]:
         if value != math.floor(value):
