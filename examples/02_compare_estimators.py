@@ -17,7 +17,7 @@ def main(runs=20, steps=400):
     print(results.summary[columns].to_string(index=False, float_format="{:.3f}".format))
 
     print("\nPaired differences (the same seeds, 95 % intervals):")
-    print(results.paired.to_string(index=False, float_format="{:.3f}".format))
+    print("\n".join(results.paired["sentence"]))
     # results.runs holds one row per run, results.tracks the paths of the first; compare(..., out="results/mine")
     # keeps them on disk, and `slam-gym report results/mine` draws them.
 

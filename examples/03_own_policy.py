@@ -36,8 +36,9 @@ class Orbit(policies.Policy):
         aim = np.clip(1.0 - (distance - self.radius) / self.radius, 0.0, 1.0) * np.radians(50)
         turn = 2.5 * (bearing - aim)
         speed = self.context.speed_max * np.clip(np.cos(bearing), 0.2, 1.0)
-        known = belief.target_known  # [L] look around where it was never seen
-        command = np.column_stack([np.where(known, speed, 0.0), np.where(known, turn, 0.8)])
+        # Look around where the target was never seen, or where its position is known to a metre at best.
+        sure = belief.target_known & (np.trace(belief.target_rel_cov, axis1=1, axis2=2) < 1.0)  # [L]
+        command = np.column_stack([np.where(sure, speed, 0.0), np.where(sure, turn, 0.9)])
         return self.to_action(command)
 
 
