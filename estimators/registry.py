@@ -21,6 +21,7 @@ _BUILT_IN = {
     "fej-ekf": "estimators.gaussian.fej:FEJEKF",
     "ri-ekf": "estimators.gaussian.invariant:RIEKF",
     "cdkf": "estimators.gaussian.sigma_point:CDKF",
+    "ukf": "estimators.gaussian.unscented:UKF",
     "ri-cdkf": "estimators.gaussian.invariant_points:RICDKF",
     "ri-taylor-ekf": "estimators.gaussian.invariant_points:RITaylorEKF",
     "slamto": "estimators.particle.slamto:SLAMTO",

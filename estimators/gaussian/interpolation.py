@@ -7,6 +7,9 @@ Eqs. (9)-(12), Tian et al. 2010. With s_p the columns of a Cholesky factor L of 
 
 Every other variable enters f nowhere: with the few put first, its columns of the full factor change nothing, and its
 covariance with f is that with the few times E', where E = D1 L^-1 / h: a slope taken over the spread of the belief.
+The unscented transform shares mean and E; with e = mean - f(x), a filter's `rule` (h, c, d) says what both do:
+
+    covariance sum D1_p D1_p' / h^2 + c sum D2_p D2_p' + d e e'
 Bearings are taken relative to the centre's before they are averaged. Here f is a displacement of the robot, of the
 target, or from the robot to a point first seen (a pose and two noisy numbers), or a return of a point (pose and point).
 """
@@ -60,16 +63,17 @@ def turn_differences(turned, base, D1, D2, column):
 
 
 @inline
-def spread_displacement(P, lane, j, kind, model, a, b, std_a, std_b, dt, heading, h, C, D1, D2, E):
+def spread_displacement(P, lane, j, kind, model, a, b, std_a, std_b, dt, heading, rule, C, D1, D2, E):
     """Sigma points of a displacement over the body (x, y, heading) at rows j, j + 1, j + 2 and inputs (a, b).
 
     Args:
         C: scratch (all [5, 5]), filled with the body's Cholesky factor. D1, D2: rows 0-2 filled; D1 without the body's
-            own spread. E: filled with the displacement's slope by the body in [:2, :3].
+            own spread. E: filled with the displacement's slope by the body in [:2, :3] and with e in row 3.
 
     Returns:
         The mean displacement (dx, dy, dheading). Eq. (9).
     """
+    h = rule[0]
     for p in range(3):
         for q in range(p + 1):
             C[p, q] = P[lane, j + p, j + q]
@@ -84,17 +88,15 @@ def spread_displacement(P, lane, j, kind, model, a, b, std_a, std_b, dt, heading
         solve_transposed(C, 3, D1, i, E)
         for p in range(3):
             E[i, p] /= h
-    square = h * h
-    return (
-        base[0] + (D2[0, 0] + D2[0, 1] + D2[0, 2] + D2[0, 3] + D2[0, 4]) / square,
-        base[1] + (D2[1, 0] + D2[1, 1] + D2[1, 2] + D2[1, 3] + D2[1, 4]) / square,
-        base[2] + (D2[2, 3] + D2[2, 4]) / square,
-    )
+    for i in range(3):
+        E[3, i] = (D2[i, 0] + D2[i, 1] + D2[i, 2] + D2[i, 3] + D2[i, 4]) / (h * h)
+    return base[0] + E[3, 0], base[1] + E[3, 1], base[2] + E[3, 2]
 
 
 @inline
-def spread_cov(C, D1, D2, h, i, k):
+def spread_cov(C, D1, D2, E, rule, i, k):
     """Entry (i, k) of the covariance of body plus displacement. Eq. (11), with outer products."""
+    h = rule[0]
     first = second = 0.0
     for p in range(3):
         first += (h * C[i, p] + D1[i, p]) * (h * C[k, p] + D1[k, p])
@@ -102,15 +104,14 @@ def spread_cov(C, D1, D2, h, i, k):
     for p in range(3, 5):
         first += D1[i, p] * D1[k, p]
         second += D2[i, p] * D2[k, p]
-    square = h * h
-    return first / square + (square - 1.0) / (square * square) * second
+    return first / (h * h) + rule[1] * second + rule[2] * E[3, i] * E[3, k]
 
 
 @jit
-def move_body(mu, P, lane, n, j, kind, model, a, b, std_a, std_b, dt, h, C, D1, D2, E):
+def move_body(mu, P, lane, n, j, kind, model, a, b, std_a, std_b, dt, rule, C, D1, D2, E):
     """Predict the body at rows j, j + 1, j + 2 under the control (a, b) with deviations. Eqs. (15)-(18)."""
     dx, dy, turn = spread_displacement(
-        P, lane, j, kind, model, a, b, std_a, std_b, dt, mu[lane, j + 2], h, C, D1, D2, E
+        P, lane, j, kind, model, a, b, std_a, std_b, dt, mu[lane, j + 2], rule, C, D1, D2, E
     )
     mu[lane, j] += dx
     mu[lane, j + 1] += dy
@@ -124,16 +125,16 @@ def move_body(mu, P, lane, n, j, kind, model, a, b, std_a, std_b, dt, h, C, D1, 
         P[lane, i, j + 1] = P[lane, j + 1, i]
     for i in range(3):
         for k in range(i, 3):
-            value = spread_cov(C, D1, D2, h, i, k)
+            value = spread_cov(C, D1, D2, E, rule, i, k)
             P[lane, j + i, j + k] = value
             P[lane, j + k, j + i] = value
 
 
 @jit
-def append_by_points(mu, P, lane, n, j, distance, bearing, std_r, std_b, model, h, C, D1, D2, E):
+def append_by_points(mu, P, lane, n, j, distance, bearing, std_r, std_b, model, rule, C, D1, D2, E):
     """A new point at rows j, j + 1 from a return, with all its cross covariances; the rows must be zero before."""
     dx, dy, _ = spread_displacement(
-        P, lane, 0, SIGHTING, model, distance, bearing, std_r, std_b, 0.0, mu[lane, 2], h, C, D1, D2, E
+        P, lane, 0, SIGHTING, model, distance, bearing, std_r, std_b, 0.0, mu[lane, 2], rule, C, D1, D2, E
     )
     mu[lane, j] = mu[lane, 0] + dx
     mu[lane, j + 1] = mu[lane, 1] + dy
@@ -146,7 +147,7 @@ def append_by_points(mu, P, lane, n, j, distance, bearing, std_r, std_b, model, 
         P[lane, i, j + 1] = P[lane, j + 1, i]
     for i in range(2):
         for k in range(i, 2):
-            value = spread_cov(C, D1, D2, h, i, k)
+            value = spread_cov(C, D1, D2, E, rule, i, k)
             P[lane, j + i, j + k] = value
             P[lane, j + k, j + i] = value
 
@@ -158,7 +159,7 @@ def row_of(p, j):
 
 
 @inline
-def spread_return(mu, P, lane, j, h, C, D1, E):
+def spread_return(mu, P, lane, j, rule, C, D1, E):
     """Sigma points of a return of the point at rows j, j + 1. Eqs. (19), (23)-(26).
 
     Args:
@@ -167,6 +168,7 @@ def spread_return(mu, P, lane, j, h, C, D1, E):
     Returns:
         The range at the centre, mean (range, bearing) and covariance (s00, s01, s11) without the sensor's noise.
     """
+    h, curved, shifted = rule[0], rule[1], rule[2]
     for p in range(5):
         for q in range(p + 1):
             C[p, q] = P[lane, row_of(p, j), row_of(q, j)]
@@ -174,7 +176,7 @@ def spread_return(mu, P, lane, j, h, C, D1, E):
     px, py, heading = mu[lane, j] - mu[lane, 0], mu[lane, j + 1] - mu[lane, 1], mu[lane, 2]
     r0, b0 = measure(px, py, heading)
     mean_r = mean_b = s00 = s01 = s11 = 0.0
-    curved = (h * h - 1.0) / (h * h)
+    square = h * h
     for p in range(5):
         ox, oy, turned = h * (C[3, p] - C[0, p]), h * (C[4, p] - C[1, p]), h * C[2, p]
         r_up, b_up = measure(px + ox, py + oy, heading + turned)
@@ -186,15 +188,18 @@ def spread_return(mu, P, lane, j, h, C, D1, E):
         D1[1, p] = d1b
         mean_r += d2r
         mean_b += d2b
-        s00 += d1r * d1r + curved * d2r * d2r
-        s01 += d1r * d1b + curved * d2r * d2b
-        s11 += d1b * d1b + curved * d2b * d2b
+        s00 += d1r * d1r / square + curved * d2r * d2r
+        s01 += d1r * d1b / square + curved * d2r * d2b
+        s11 += d1b * d1b / square + curved * d2b * d2b
     for i in range(2):
         solve_transposed(C, 5, D1, i, E)
         for p in range(5):
             E[i, p] /= h
-    square = h * h
-    return r0, r0 + mean_r / square, wrap(b0 + mean_b / square), s00 / square, s01 / square, s11 / square
+    mean_r, mean_b = mean_r / square, mean_b / square
+    s00 += shifted * mean_r * mean_r
+    s01 += shifted * mean_r * mean_b
+    s11 += shifted * mean_b * mean_b
+    return r0, r0 + mean_r, wrap(b0 + mean_b), s00, s01, s11
 
 
 @jit

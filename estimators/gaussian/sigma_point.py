@@ -53,7 +53,7 @@ def body_inputs(model, body, v, w, dt):
 
 
 @jit
-def predict(mu, P, models, n_t, count, target_known, pending, control, dt, last_dt, lanes, h, scratch):
+def predict(mu, P, models, n_t, count, target_known, pending, control, dt, last_dt, lanes, rule, scratch):
     """One step of the named lanes. Eqs. (9)-(18).
 
     A constant-velocity target moves linearly, where sigma points give exactly the textbook's prediction.
@@ -69,7 +69,7 @@ def predict(mu, P, models, n_t, count, target_known, pending, control, dt, last_
         bodies = 2 if n_t > 0 and target_known[lane] and model.target_kind == TWIST else 1
         for body in range(bodies):
             j, kind, v, w, sv, sw = body_inputs(model, body, control[lane, 0], control[lane, 1], step)
-            move_body(mu, P, lane, n, j, kind, model, v, w, sv, sw, step, h, C, D1, D2, E)
+            move_body(mu, P, lane, n, j, kind, model, v, w, sv, sw, step, rule, C, D1, D2, E)
         if n_t > 0 and bodies == 1:
             if target_known[lane]:
                 drift_velocity(mu, P, lane, n, model.acceleration_density, step)
@@ -79,9 +79,9 @@ def predict(mu, P, models, n_t, count, target_known, pending, control, dt, last_
 
 
 @inline
-def observe(mu, P, W, lane, n, j, model, distance, bearing, limit, h, C, D1, E):
+def observe(mu, P, W, lane, n, j, model, distance, bearing, limit, rule, C, D1, E):
     """Update by one return of the point at row j; (what became of it, its NIS)."""
-    r0, r, b, s00, s01, s11 = spread_return(mu, P, lane, j, h, C, D1, E)
+    r0, r, b, s00, s01, s11 = spread_return(mu, P, lane, j, rule, C, D1, E)
     range_std, bearing_std = noise_std(model, r0)
     s00 += range_std * range_std
     s11 += bearing_std * bearing_std
@@ -113,7 +113,7 @@ def open_slot(lane, count, ids, next_id, counters, label):
 @inline
 def grow_by_points(
     lane, mu, P, model, n_t, count, ids, first, next_id, target_known, pending, counters, ranges, bearings, labels,
-    num_returns, nearest, slots, dt, h, C, D1, D2, E,
+    num_returns, nearest, slots, dt, rule, C, D1, D2, E,
 ):  # fmt: skip
     """Take in the returns of one lane's sweep that are not yet in the state; see `growth.grow`.
 
@@ -141,7 +141,7 @@ def grow_by_points(
             slots[lane, k] = slot
             j = ROBOT + n_t + 2 * slot
         n = rows_in_use(n_t, count[lane])
-        append_by_points(mu, P, lane, n, j, distance, bearing, std_r, std_b, model, h, C, D1, D2, E)
+        append_by_points(mu, P, lane, n, j, distance, bearing, std_r, std_b, model, rule, C, D1, D2, E)
         if starts_target:
             P[lane, 5, 5] = P[lane, 6, 6] = model.initial_speed_std * model.initial_speed_std
             target_known[lane] = True
@@ -152,7 +152,7 @@ def grow_by_points(
 @jit
 def update(
     mu, P, W, models, n_t, count, ids, first, next_id, target_known, pending, counters, ranges, bearings, labels,
-    num_returns, code, gates, cost, slots, last_dt, lanes, h, scratch,
+    num_returns, code, gates, cost, slots, last_dt, lanes, rule, scratch,
 ):  # fmt: skip
     """Take in one sweep: every return of something known, one after another, then what is new. Eqs. (19)-(31)."""
     C, D1, D2, E = scratch[0], scratch[1], scratch[2], scratch[3]
@@ -171,18 +171,47 @@ def update(
                 continue
             j = ROBOT if is_target else ROBOT + n_t + 2 * slot
             limit = limit_of(gates[0], model, is_target)
-            outcome, nis = observe(mu, P, W, lane, n, j, model, ranges[lane, k], bearings[lane, k], limit, h, C, D1, E)
+            outcome, nis = observe(
+                mu, P, W, lane, n, j, model, ranges[lane, k], bearings[lane, k], limit, rule, C, D1, E
+            )
             if outcome != USED:
                 note(outcome, nis, is_target, mu, P, lane, n, n_t, model, target_known, pending, counters)
         if n_t > 0 and model.target_kind == TWIST:
             mu[lane, 5] = wrap(mu[lane, 5])
         grow_by_points(
             lane, mu, P, model, n_t, count, ids, first, next_id, target_known, pending, counters, ranges, bearings,
-            labels, K, code == NEAREST, slots, last_dt[lane], h, C, D1, D2, E,
+            labels, K, code == NEAREST, slots, last_dt[lane], rule, C, D1, D2, E,
         )  # fmt: skip
 
 
-class CDKF(GaussianEstimator):
+class SigmaPointFilter(GaussianEstimator):
+    """What the sigma-point filters share; they differ in their `rule`.
+
+    Attributes:
+        rule: [3] (h, c, d): half the distance between sigma points in standard deviations, and the factors of
+            sum D2 D2' and of e e' in a covariance (see `estimators.gaussian.interpolation`).
+    """
+
+    def _allocate(self) -> None:
+        super()._allocate()
+        self.rule: Floats = np.zeros(3)
+        self.scratch: Floats = np.zeros((4, 5, 5))
+
+    def _predict(self, control: Floats, dt: Floats, lanes: Ints) -> None:
+        predict(
+            self.mu, self.P, self.models, self.n_t, self.count, self.target_known, self.pending, control, dt,
+            self.last_dt, lanes, self.rule, self.scratch,
+        )  # fmt: skip
+
+    def _update(self, scan: Scan, lanes: Ints) -> None:
+        update(
+            self.mu, self.P, self.work, self.models, self.n_t, self.count, self.ids, self.first, self.next_id,
+            self.target_known, self.pending, self.counters, scan.ranges, scan.bearings, scan.labels, scan.count,
+            self.association_code, self.gates, self.cost, self.slots, self.last_dt, lanes, self.rule, self.scratch,
+        )  # fmt: skip
+
+
+class CDKF(SigmaPointFilter):
     """Central difference Kalman filter, Tian et al. 2010: sigma points instead of Jacobians.
 
     Args:
@@ -210,17 +239,5 @@ class CDKF(GaussianEstimator):
         if not 0.0 < h < math.inf:
             raise ValueError(f"h must be a positive number of standard deviations (sqrt(3) for Gaussians); got {h!r}")
         self.h = float(h)
-        self.scratch: Floats = np.zeros((4, 5, 5))
-
-    def _predict(self, control: Floats, dt: Floats, lanes: Ints) -> None:
-        predict(
-            self.mu, self.P, self.models, self.n_t, self.count, self.target_known, self.pending, control, dt,
-            self.last_dt, lanes, self.h, self.scratch,
-        )  # fmt: skip
-
-    def _update(self, scan: Scan, lanes: Ints) -> None:
-        update(
-            self.mu, self.P, self.work, self.models, self.n_t, self.count, self.ids, self.first, self.next_id,
-            self.target_known, self.pending, self.counters, scan.ranges, scan.bearings, scan.labels, scan.count,
-            self.association_code, self.gates, self.cost, self.slots, self.last_dt, lanes, self.h, self.scratch,
-        )  # fmt: skip
+        square = self.h * self.h
+        self.rule[:] = self.h, (square - 1.0) / (square * square), 0.0
