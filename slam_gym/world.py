@@ -20,7 +20,7 @@ from slam_gym.scenario_fields import low_high
 from slam_gym.scenario_io import read_columns
 from slam_gym.world_layout import begin
 from slam_gym.world_numbers import ONE_SIGMA, Ranges, model_numbers
-from slam_gym.world_state import Blocks
+from slam_gym.world_state import VECTOR, Blocks
 from slam_gym.world_step import step
 
 Floats = NDArray[np.float64]
@@ -246,7 +246,8 @@ def _sizes(scenario: Scenario, rows: int) -> tuple[int, int, int]:
     clutter = low_high(scenario.sensor.clutter_rate)[1]
     false = math.ceil(clutter + CLUTTER_ROOM * math.sqrt(clutter)) + 3 if clutter > 0.0 else 0
     commands = 1 + math.floor(low_high(scenario.robot.command_delay)[1] / scenario.dt + 0.5)
-    return marks, marks + 1 + false, commands
+    returns = math.ceil((marks + 1 + false) / VECTOR) * VECTOR
+    return marks, returns, commands
 
 
 def _map(scenario: Scenario) -> Floats:

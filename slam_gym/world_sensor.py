@@ -2,8 +2,11 @@
 
 import math
 
+import numpy as np
+
 from estimators.interface import TARGET, UNKNOWN
 from estimators.kernels.angles import wrap
+from estimators.kernels.elementary import angle_between, wrap_smooth
 from estimators.kernels.jit import inline
 from estimators.kernels.random import uniform4
 from slam_gym.world_draws import DRAW_CLUTTER, DRAW_SENSOR, FIRST, NOBODY, TARGET_ITEM, normal_pair
@@ -30,6 +33,7 @@ from slam_gym.world_state import (
     SINCE_SEEN,
     STEP,
     TARGET_STATE,
+    VECTOR,
     VISIBLE,
 )
 
@@ -54,23 +58,47 @@ def sense(lane, w, x, k, b):
         return
     if w.sensor_error_time_constant > 0.0:
         _correlate(lane, w, x, k)
+    n = _gather(lane, w, px, py, c, s, cos_half, visible, x, k, b)
+    if w.sensor_error_time_constant > 0.0:
+        _report_correlated(lane, n, w, c, s, x, k)
+    else:
+        _report_white(lane, n, w, c, s, x, k)
+    k[k[RETURNS] + lane] = n + _clutter(lane, n, w, x, k) if w.sensor_clutter_rate > 0.0 else n
+
+
+@inline
+def _gather(lane, w, px, py, c, s, cos_half, target_visible, x, k, b):
+    """List what is detected, landmarks by id, then the target; says how many.
+
+    Where a return's range and bearing will stand, its offset (dx, dy) from the sensor stands first: all of a sweep's
+    errors are then drawn in one plain loop.
+    """
     count, last = k[k[COUNT] + lane], k[NUM_LANDMARKS]
+    at, first = k[NUM_RETURNS] * lane, k[LANDMARKS] + 2 * last * lane
+    certain = w.sensor_detection_probability >= 1.0 and w.sensor_mislabel_probability == 0.0
     n = FIRST
-    for j in range(count + 1):  # the landmarks, then the target
+    for j in range(count + 1):
         is_target = j == count
-        mark = body if is_target else k[LANDMARKS] + 2 * (last * lane + j)
+        mark = k[TARGET_STATE] + 4 * lane if is_target else first + 2 * j
         if is_target:
-            seen = visible
+            seen = target_visible
         else:
             seen = is_visible(lane, w, px, py, c, s, cos_half, x[mark], x[mark + 1], j, x, k)
-        if seen:
-            item, row = (TARGET_ITEM, last) if is_target else (j, j)
-            told = _report(lane, n, item, row, w, x[mark] - px, x[mark + 1] - py, heading, x, k)
-            n += told
-            if is_target and told == 1:
-                b[k[DETECTED] + lane] = True
-                x[k[SINCE_SEEN] + lane] = 0.0
-    k[k[RETURNS] + lane] = n + _clutter(lane, n, w, x, k) if w.sensor_clutter_rate > 0.0 else n
+        if not seen:
+            continue
+        u3 = 1.0
+        if not certain:
+            _, _, u2, u3 = _draw(lane, TARGET_ITEM if is_target else j, k)
+            if u2 >= w.sensor_detection_probability:
+                continue
+        x[k[RANGES] + at + n], x[k[BEARINGS] + at + n] = x[mark] - px, x[mark + 1] - py
+        k[k[ORIGIN] + at + n] = TARGET if is_target else j
+        k[k[LABELS] + at + n] = TARGET if is_target else _label(j, u3, w, count)
+        n += 1
+        if is_target:
+            b[k[DETECTED] + lane] = True
+            x[k[SINCE_SEEN] + lane] = 0.0
+    return n
 
 
 @inline
@@ -92,36 +120,51 @@ def _draw(lane, item, k):
 
 
 @inline
-def _report(lane, n, item, row, w, dx, dy, heading, x, k):
-    """Write the return of a source at (dx, dy) from the sensor as the n-th; 0 where it is missed, else 1.
+def _report_white(lane, n, w, c, s, x, k):
+    """Turn the first n offsets into ranges and bearings with fresh errors.
 
-    row: of the source's time-correlated errors.
+    No branches and unsigned indices, so that it runs on vectors; whole ones, beyond n into the buffer's padding.
     """
-    u0, u1, u2, u3 = _draw(lane, item, k)
-    if u2 >= w.sensor_detection_probability:
-        return 0
-    if w.sensor_error_time_constant > 0.0:
-        at = k[ERRORS] + 2 * ((k[NUM_LANDMARKS] + 1) * lane + row)
-        n0, n1 = x[at], x[at + 1]
-    else:
+    key, episode, step = k[k[KEY] + lane], k[k[EPISODE] + lane], k[k[STEP] + lane]
+    at = k[NUM_RETURNS] * lane
+    ranges, bearings, origin = np.uint64(k[RANGES] + at), np.uint64(k[BEARINGS] + at), np.uint64(k[ORIGIN] + at)
+    noise = w.sensor_range_std, w.sensor_range_std_per_range, w.sensor_range_law == QUADRATURE, w.sensor_bearing_std
+    for i in range((n + VECTOR - 1) // VECTOR * VECTOR):
+        u = np.uint64(i)
+        source = k[origin + u]
+        item = source if source >= 0 else TARGET_ITEM
+        u0, u1, _, _ = uniform4(key, episode, step, DRAW_SENSOR, item)
         n0, n1 = normal_pair(u0, u1)
-    r = math.sqrt(dx * dx + dy * dy)
-    constant, growing = w.sensor_range_std, w.sensor_range_std_per_range * r
-    quadrature = w.sensor_range_law == QUADRATURE
-    std = math.sqrt(constant * constant + growing * growing) if quadrature else constant + growing
-    at = k[NUM_RETURNS] * lane + n
-    x[k[RANGES] + at] = max(r + std * n0, MIN_RETURN)
-    x[k[BEARINGS] + at] = wrap(math.atan2(dy, dx) - heading + w.sensor_bearing_std * n1)
-    k[k[ORIGIN] + at] = TARGET if item == TARGET_ITEM else item
-    k[k[LABELS] + at] = _label(item, u3, w, k[k[COUNT] + lane])
-    return 1
+        x[ranges + u], x[bearings + u] = _measured(x[ranges + u], x[bearings + u], c, s, n0, n1, noise)
+
+
+@inline
+def _report_correlated(lane, n, w, c, s, x, k):
+    """The same with the errors that `_correlate` keeps of every source."""
+    at, rows = k[NUM_RETURNS] * lane, k[NUM_LANDMARKS] + 1
+    noise = w.sensor_range_std, w.sensor_range_std_per_range, w.sensor_range_law == QUADRATURE, w.sensor_bearing_std
+    for i in range(n):
+        source = k[k[ORIGIN] + at + i]
+        error = k[ERRORS] + 2 * (rows * lane + (source if source >= 0 else rows - 1))
+        to_r, to_b = k[RANGES] + at + i, k[BEARINGS] + at + i
+        x[to_r], x[to_b] = _measured(x[to_r], x[to_b], c, s, x[error], x[error + 1], noise)
+
+
+@inline
+def _measured(dx, dy, c, s, n0, n1, noise):
+    """Range and bearing of a point at (dx, dy) from a sensor that looks along (c, s), with errors n0, n1."""
+    range_std, range_std_per_range, quadrature, bearing_std = noise
+    r = max(math.sqrt(dx * dx + dy * dy), MIN_RETURN)
+    growing = range_std_per_range * r
+    root = math.sqrt(range_std * range_std + growing * growing)
+    std = root if quadrature else range_std + growing
+    bearing = angle_between((dx * c + dy * s) / r, (dy * c - dx * s) / r)
+    return max(r + std * n0, MIN_RETURN), wrap_smooth(bearing + bearing_std * n1)
 
 
 @inline
 def _label(item, u, w, count):
-    """What the sensor says the return is from: the target is told from landmarks, landmarks perhaps from each other."""
-    if item == TARGET_ITEM:
-        return TARGET
+    """What the sensor says a landmark's return is from; the target it always tells from landmarks."""
     if w.landmarks_labelled == 0:
         return UNKNOWN
     if u < w.sensor_mislabel_probability and count > 1:

@@ -29,6 +29,9 @@ from numpy.typing import NDArray
 Floats = NDArray[np.float64]
 
 
+VECTOR = 8  # returns whose errors are drawn together: a sweep's width is a multiple of it
+
+
 class Blocks:
     """The blocks and their arrays.
 
