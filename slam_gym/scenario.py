@@ -11,13 +11,14 @@ Any number except those of the time grid may be a range [low, high], drawn anew 
 
 import math
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field, fields, replace
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any, Self
 
 from estimators.models import MotionModel, SensorModel, TargetModel
 from slam_gym import scenario_io
 from slam_gym.scenario_fields import Number, check_section, choice, constant, low_high, middle, number
+from slam_gym.scenario_models import build_models
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -110,7 +111,10 @@ class Target:
 
 @dataclass(frozen=True, kw_only=True)
 class Landmarks:
-    """The unknown landmarks: points, or round pillars that may hide what is behind them."""
+    """The unknown landmarks: points, or round pillars that may hide what is behind them.
+
+    Unlabelled ones are not told from each other, nor from false alarms; the target always is told from them.
+    """
 
     layout: str = choice("uniform", ("uniform", "ring", "grid", "clustered", "file"))
     count: Number = number((15, 20), 0, whole=True)
@@ -277,43 +281,6 @@ class Scenario:
     def models(self) -> tuple[MotionModel, SensorModel, TargetModel | None]:
         """What the filters believe; the middle of a number that is drawn anew each episode."""
         return build_models(self, middle)
-
-
-def build_models(scenario: Scenario, at: Any) -> tuple[MotionModel, SensorModel, TargetModel | None]:
-    """The filters' models from the world's numbers, each taken through `at`, and the scenario's overrides."""
-    robot, sensor, believed = scenario.robot, scenario.sensor, scenario.filter
-    inflate = math.sqrt(middle(believed.noise_inflation))
-    motion_numbers = {f.name: at(getattr(robot, f.name)) for f in fields(MotionModel) if _is_number_of(robot, f.name)}
-    motion_numbers |= {"kind": robot.kind, "noise_law": robot.noise_law}
-    sensor_numbers = {f.name: at(getattr(sensor, f.name)) for f in fields(SensorModel) if _is_number_of(sensor, f.name)}
-    sensor_numbers |= {
-        "range_law": sensor.range_law,
-        "landmark_radius": at(scenario.landmarks.radius) if scenario.landmarks.opaque else 0.0,
-    }
-    sensor_numbers |= dict(believed.sensor)
-    sensor_model = SensorModel(**sensor_numbers)
-    if inflate != 1.0:
-        names = ("range_std", "range_std_per_range", "bearing_std")
-        sensor_model = replace(sensor_model, **{name: inflate * getattr(sensor_model, name) for name in names})
-    return MotionModel(**{**motion_numbers, **believed.motion}), sensor_model, _target_model(scenario, at)
-
-
-def _is_number_of(section: Any, name: str) -> bool:
-    return isinstance(getattr(section, name, None), (int, float, tuple))
-
-
-def _target_model(scenario: Scenario, at: Any) -> TargetModel | None:
-    target = scenario.target
-    if target.kind == "none":
-        return None
-    numbers: dict[str, Any] = {"kind": "constant-velocity"}
-    if target.kind == "twist":
-        numbers = {"kind": "twist"}
-        numbers |= {name: at(getattr(target, name)) for name in ("speed", "turn_rate", "speed_std", "turn_std")}
-    elif target.kind == "constant-velocity":
-        numbers["acceleration_density"] = at(target.acceleration_density)
-    numbers["initial_speed_std"] = max(low_high(target.speed)[1], 1e-3)
-    return TargetModel(**{**numbers, **scenario.filter.target})
 
 
 def scenario_names() -> list[str]:

@@ -15,9 +15,10 @@ from numpy.typing import ArrayLike, NDArray
 from estimators.interface import Scan
 from estimators.kernels.random import lane_key
 from estimators.models import MotionModel, SensorModel, TargetModel
-from slam_gym.scenario import Scenario, build_models
+from slam_gym.scenario import Scenario
 from slam_gym.scenario_fields import low_high
 from slam_gym.scenario_io import read_columns
+from slam_gym.scenario_models import build_models
 from slam_gym.world_layout import begin
 from slam_gym.world_numbers import ONE_SIGMA, Ranges, model_numbers
 from slam_gym.world_state import VECTOR, Blocks
