@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from slam_gym import policies
+from slam_gym.policy_view import PolicyView
 from slam_gym.scenario import Scenario
 from slam_gym.simulation import Simulation
 from slam_gym.specs import Spec
@@ -52,6 +53,7 @@ class Episode:
         chosen = Spec.parse(policy or (scenario.policy.name, scenario.policy.options))
         self.policy_name = chosen.label
         self.policy = policies.make(chosen.name, self.context, 1, **chosen.options)
+        self._view = PolicyView(self.policy, scenario)
         self.reset(seed)
 
     def reset(self, seed: int) -> None:
@@ -86,7 +88,8 @@ class Episode:
             self._command = command
         elif self.step_count % self.context.hold == 0:
             belief = self.simulation.estimators[self.driver].belief
-            self._command = self.context.action_map.to_command(self.policy.act(None, belief))
+            shown = self._view.observe(self.simulation, self.driver)
+            self._command = self.context.action_map.to_command(self.policy.act(shown, belief))
             if self.policy.finished[0]:
                 return
         self.simulation.advance(self._command)

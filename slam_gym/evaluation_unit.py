@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from slam_gym import policies
 from slam_gym.evaluation_plan import POLICY_SEEDS, WORLD_SEEDS, Combination, Mode, Plan, run_seeds
+from slam_gym.policy_view import PolicyView
 from slam_gym.records import FIELDS, LANDMARK, TRACK, Records
 from slam_gym.results import write_atomic
 from slam_gym.simulation import Simulation
@@ -100,6 +101,7 @@ class _Episodes:
         self.action_map = context.action_map
         self.policy = policies.make(combination.policy.name, context, lanes, **combination.policy.options)
         self.policy.reset(np.arange(lanes), run_seeds(seed, POLICY_SEEDS, runs))
+        self.view = PolicyView(self.policy, scenario)
         self.max_steps, self.hold = int(scenario.max_steps), int(scenario.hold)
         self.values = np.full((len(specs), lanes, self.max_steps, len(FIELDS)), np.nan)
         self.age = np.full((lanes, self.max_steps), np.nan)
@@ -114,7 +116,8 @@ class _Episodes:
         command = np.zeros((len(going), 2))
         for step in range(self.max_steps):
             if step % self.hold == 0:
-                action = self.policy.act(None, simulation.estimators[self.driver].belief)
+                shown = self.view.observe(simulation, self.driver)
+                action = self.policy.act(shown, simulation.estimators[self.driver].belief)
                 command = self.action_map.to_command(action)
                 going = self._stop(going)
                 if not going.size:

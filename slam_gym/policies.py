@@ -94,9 +94,12 @@ class Policy(ABC):
     Attributes:
         finished: [L] set by `act` where nothing is left to do (a route is at its end): that action need not be
             carried out any more, and the episode may end.
+        observation_options: of the observation, where one is needed: arguments of `slam_gym.observation.Observer`
+            beside scenario and lanes ("nearest", "sectors").
     """
 
     summary: ClassVar[str] = ""  # one line for `slam-gym list`
+    needs_observation: ClassVar[bool] = False  # whether `act` must be given the observation; else it may get None
 
     def __init__(self, context: PolicyContext, num_lanes: int = 1) -> None:
         if num_lanes < 1:
@@ -104,6 +107,7 @@ class Policy(ABC):
         self.context, self.num_lanes = context, int(num_lanes)
         self.command: Floats = np.zeros((self.num_lanes, 2))  # [L, 2], physical, scratch of `act`
         self.finished: Bools = np.zeros(self.num_lanes, dtype=np.bool_)
+        self.observation_options: dict[str, int] = {}
 
     @abstractmethod
     def reset(self, lanes: Ints, seeds: Ints) -> None:
@@ -114,7 +118,7 @@ class Policy(ABC):
         """One decision per lane.
 
         Args:
-            observation: [L, n] what a learned policy sees; None where nobody asked for it.
+            observation: [L, n] what a learned policy sees; None where `needs_observation` is False.
             belief: of all lanes, valid until the estimator's next call.
 
         Returns:

@@ -1,0 +1,31 @@
+"""What a policy is shown beside the belief: an observation where it needs one, else nothing, at no cost."""
+
+from typing import Any
+
+from slam_gym.observation import Observer
+from slam_gym.policies import Policy
+from slam_gym.scenario import Scenario
+from slam_gym.simulation import Simulation
+
+
+class PolicyView:
+    """Builds the observation of a simulation's lanes as the environment does.
+
+    Args:
+        policy: whose `needs_observation` and `observation_options` count.
+        scenario: that is simulated.
+    """
+
+    def __init__(self, policy: Policy, scenario: Scenario) -> None:
+        self._observer: Observer | None = None
+        if policy.needs_observation:
+            self._observer = Observer(scenario, policy.num_lanes, **policy.observation_options)
+
+    def observe(self, simulation: Simulation, driver: int = 0) -> Any:
+        """[L, n] float32 of the belief of estimator number `driver`; None where the policy needs none."""
+        if self._observer is None:
+            return None
+        world = simulation.world
+        self._observer.border[:, 0] = 0.5 * world.numbers["arena_width"]
+        self._observer.border[:, 1] = 0.5 * world.numbers["arena_height"]
+        return self._observer.observe(simulation.estimators[driver].belief, world)
