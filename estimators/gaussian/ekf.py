@@ -9,6 +9,7 @@ from estimators.gaussian.sweep import UNLIKELY, UNUSABLE, USED, associate, limit
 from estimators.interface import Floats, Ints, Scan
 from estimators.kernels.angles import wrap
 from estimators.kernels.association import NEAREST, TARGET_SLOT
+from estimators.kernels.borrow import borrow
 from estimators.kernels.gaussian import (
     ROBOT,
     downdate,
@@ -63,6 +64,7 @@ def predict_target(mu, P, lane, n, model, target_known, pending, dt):
 @jit
 def predict(mu, P, models, n_t, count, target_known, pending, control, dt, last_dt, lanes):
     """One step of the named lanes: two rows and columns of P for the robot, two for the target, O(n)."""
+    mu, P, pending = borrow(mu), borrow(P), borrow(pending)
     for i in range(lanes.size):
         lane = lanes[i]
         step = dt[lane]
@@ -132,6 +134,10 @@ def update(
     counts, code, gates, slots, cost, work, lanes,
 ):  # fmt: skip
     """One sweep of the named lanes: see `update_one`."""
+    mu, P, work, count, ids, slots = borrow(mu), borrow(P), borrow(work), borrow(count), borrow(ids), borrow(slots)
+    first, next_id, target_known, pending = borrow(first), borrow(next_id), borrow(target_known), borrow(pending)
+    counters, ranges, bearings, labels = borrow(counters), borrow(ranges), borrow(bearings), borrow(labels)
+    gates, cost = borrow(gates), borrow(cost)
     for i in range(lanes.size):
         lane = lanes[i]
         update_one(

@@ -15,9 +15,11 @@ from estimators.gaussian.sweep import UNLIKELY, UNUSABLE, USED, associate, limit
 from estimators.interface import Floats, Ints, Scan
 from estimators.kernels.angles import wrap
 from estimators.kernels.association import NEAREST, TARGET_SLOT
+from estimators.kernels.borrow import borrow
 from estimators.kernels.gaussian import ROBOT, downdate, innovation_cov, nis_and_log_det, rows_in_use, shear
 from estimators.kernels.jit import inline, jit
 from estimators.kernels.range_bearing import gradient, measure, noise_std
+from estimators.kernels.simd import add_outer
 from estimators.models import TWIST
 
 CORRECTION, SHIFT, SUM, DIFFERENCE = 2, 0, 0, 1  # rows of the scratch
@@ -86,10 +88,7 @@ def change_coordinates(P, work, lane, n):
         e = P[lane, 2, i] + half * d
         work[SUM, i] = HALF_ROOT * (d + e)
         work[DIFFERENCE, i] = HALF_ROOT * (d - e)
-    for i in range(n):
-        plus, minus = work[SUM, i], work[DIFFERENCE, i]
-        for k in range(n):
-            P[lane, i, k] += plus * work[SUM, k] - minus * work[DIFFERENCE, k]
+    add_outer(P, lane, n, work, 1.0, -1.0)
 
 
 @inline
@@ -162,6 +161,10 @@ def update(
     counts, code, gates, slots, cost, work, lanes,
 ):  # fmt: skip
     """One sweep of the named lanes: see `update_one`."""
+    mu, P, work, count, ids, slots = borrow(mu), borrow(P), borrow(work), borrow(count), borrow(ids), borrow(slots)
+    first, next_id, target_known, pending = borrow(first), borrow(next_id), borrow(target_known), borrow(pending)
+    counters, ranges, bearings, labels = borrow(counters), borrow(ranges), borrow(bearings), borrow(labels)
+    gates, cost = borrow(gates), borrow(cost)
     for i in range(lanes.size):
         lane = lanes[i]
         update_one(

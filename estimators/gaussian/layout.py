@@ -22,6 +22,7 @@ from estimators.gaussian.vague_target import forget_vague
 from estimators.interface import Belief, Estimator, Floats, Ints, Scan
 from estimators.kernels.association import KNOWN, NEAREST
 from estimators.kernels.gaussian import BLOCK, ROBOT
+from estimators.kernels.simd import aligned_zeros
 from estimators.models import MotionModel, SensorModel, TargetModel
 
 MATCH_GATE = 9.21  # chi-square, 2 dof, 99 %
@@ -77,7 +78,7 @@ class GaussianEstimator(Estimator):
         self.n_t = len(self.target_names)
         self.n_max = -(-(ROBOT + self.n_t + 2 * M) // BLOCK) * BLOCK
         self.mu: Floats = np.zeros((L, self.n_max))
-        self.P: Floats = np.zeros((L, self.n_max, self.n_max))
+        self.P: Floats = aligned_zeros(L, self.n_max, self.n_max)
         self.count: Ints = np.zeros(L, dtype=np.int64)
         self.ids: Ints = np.full((L, M), -1, dtype=np.int64)
         self.first: Floats = np.zeros((L, M, 2))
@@ -86,7 +87,7 @@ class GaussianEstimator(Estimator):
         self.pending: Floats = np.zeros((L, 4))
         self.counters: Ints = np.zeros((L, len(COUNTERS)), dtype=np.int64)
         self.last_dt: Floats = np.zeros(L)
-        self.work: Floats = np.zeros((3, self.n_max))  # scratch: two rows of W, one of corrections
+        self.work: Floats = aligned_zeros(3, self.n_max)  # scratch: two rows of W, one of corrections
         self.slots: Ints = np.zeros((L, 0), dtype=np.int64)  # scratch: the last sweep's association
         self.cost: Floats = np.zeros((0, M + 1))  # scratch
         self._dt: Floats = np.zeros(L)

@@ -10,9 +10,10 @@ import math
 
 from estimators.kernels.jit import inline, jit
 from estimators.kernels.motion import acceleration_noise
+from estimators.kernels.simd import WIDTH, add_outer
 
 ROBOT = 3  # coordinates of the robot
-BLOCK = 8  # rows are padded to a multiple of this
+BLOCK = WIDTH  # rows are padded to a multiple of this
 
 
 @inline
@@ -137,10 +138,7 @@ def downdate(x, x_lane, P, W, lane, n, j, a00, a01, a10, a11, c0, c1, y0, y1, s0
         W[0, i] = w0
         W[1, i] = w1
         x[x_lane, i] += w0 * e0 + w1 * e1
-    for i in range(n):
-        w0, w1 = W[0, i], W[1, i]
-        for k in range(n):
-            P[lane, i, k] -= w0 * W[0, k] + w1 * W[1, k]
+    add_outer(P, lane, n, W, -1.0, -1.0)
 
 
 @inline
