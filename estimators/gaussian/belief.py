@@ -2,6 +2,7 @@
 
 import math
 
+from estimators.kernels.borrow import borrow
 from estimators.kernels.gaussian import ROBOT
 from estimators.kernels.jit import inline, jit
 from estimators.models import TWIST
@@ -10,13 +11,13 @@ FULL_CIRCLE_VARIANCE = math.pi**2 / 3.0  # of a heading about which nothing is k
 
 
 @inline
-def relative(mu, P, lane, j):
+def relative(mu, P, lane, j, c, s):
     """The point at row j in the robot's frame: (x, y) and its covariance (xx, xy, yy), cross terms included.
 
-    q = C'(l - p), with Jacobian C'[-I, -J(l - p), I] over robot position, heading and the point.
+    q = C'(l - p), with Jacobian C'[-I, -J(l - p), I] over robot position, heading and the point; c, s are the
+    cosine and sine of the robot's heading.
     """
     dx, dy = mu[lane, j] - mu[lane, 0], mu[lane, j + 1] - mu[lane, 1]
-    c, s = math.cos(mu[lane, 2]), math.sin(mu[lane, 2])
     f0, f1, turn = P[lane, j, 2] - P[lane, 0, 2], P[lane, j + 1, 2] - P[lane, 1, 2], P[lane, 2, 2]
     e00 = P[lane, j, j] - 2.0 * P[lane, j, 0] + P[lane, 0, 0] + 2.0 * dy * f0 + dy * dy * turn
     e11 = P[lane, j + 1, j + 1] - 2.0 * P[lane, j + 1, 1] + P[lane, 1, 1] - 2.0 * dx * f1 + dx * dx * turn
@@ -61,6 +62,9 @@ def fill_core(
 ):  # fmt: skip
     """Robot and target of every lane; see `Belief` for the buffers."""
     n_t = mean.shape[1]
+    mu, P, velocity, velocity_cov = borrow(mu), borrow(P), borrow(velocity), borrow(velocity_cov)
+    position_cov, rel_cov = borrow(position_cov), borrow(rel_cov)
+    heading, heading_var = borrow(heading), borrow(heading_var)
     for lane in range(pose.shape[0]):
         for i in range(ROBOT):
             pose[lane, i] = mu[lane, i]
@@ -76,9 +80,9 @@ def fill_core(
             position[lane, 0], position[lane, 1] = mu[lane, 3], mu[lane, 4]
             _set2(position_cov, lane, P[lane, 3, 3], P[lane, 3, 4], P[lane, 4, 4])
             _derive_velocity(mu, P, lane, models[lane], velocity, velocity_cov, heading, heading_var)
-            rel[lane, 0], rel[lane, 1], xx, xy, yy = relative(mu, P, lane, ROBOT)
-            _set2(rel_cov, lane, xx, xy, yy)
             c, s = math.cos(mu[lane, 2]), math.sin(mu[lane, 2])
+            rel[lane, 0], rel[lane, 1], xx, xy, yy = relative(mu, P, lane, ROBOT, c, s)
+            _set2(rel_cov, lane, xx, xy, yy)
             rel_velocity[lane, 0] = c * velocity[lane, 0] + s * velocity[lane, 1]
             rel_velocity[lane, 1] = c * velocity[lane, 1] - s * velocity[lane, 0]
         else:
@@ -93,8 +97,10 @@ def fill_core(
 @jit
 def fill_map(mu, P, n_t, count, ids, landmark_count, landmark_id, landmark_mapped, mean, cov, rel, rel_cov):
     """Landmarks of every lane; empty slots are zero with id -1."""
+    mu, P = borrow(mu), borrow(P)
     for lane in range(count.size):
         landmark_count[lane] = count[lane]
+        c, s = math.cos(mu[lane, 2]), math.sin(mu[lane, 2])
         for slot in range(ids.shape[1]):
             used = slot < count[lane]
             landmark_mapped[lane, slot] = used
@@ -102,7 +108,7 @@ def fill_map(mu, P, n_t, count, ids, landmark_count, landmark_id, landmark_mappe
             j = ROBOT + n_t + 2 * slot
             x, y, xx, xy, yy = 0.0, 0.0, 0.0, 0.0, 0.0
             if used:
-                x, y, xx, xy, yy = relative(mu, P, lane, j)
+                x, y, xx, xy, yy = relative(mu, P, lane, j, c, s)
             rel[lane, slot, 0], rel[lane, slot, 1] = x, y
             rel_cov[lane, slot, 0, 0], rel_cov[lane, slot, 0, 1] = xx, xy
             rel_cov[lane, slot, 1, 0], rel_cov[lane, slot, 1, 1] = xy, yy
