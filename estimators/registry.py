@@ -23,6 +23,7 @@ _BUILT_IN = {
     "cdkf": "estimators.gaussian.sigma_point:CDKF",
     "ukf": "estimators.gaussian.unscented:UKF",
     "ri-cdkf": "estimators.gaussian.invariant_points:RICDKF",
+    "taylor-ekf": "estimators.gaussian.taylor:TaylorEKF",
     "ri-taylor-ekf": "estimators.gaussian.invariant_points:RITaylorEKF",
     "slamto": "estimators.particle.slamto:SLAMTO",
     "fastslam1": "estimators.particle.fastslam:FastSLAM1",

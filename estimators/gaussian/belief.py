@@ -51,8 +51,10 @@ def _derive_velocity(mu, P, lane, model, velocity, velocity_cov, heading, headin
     if square > 0.0:
         angle = math.atan2(vy, vx)
         heading[lane] = angle if angle < math.pi else -math.pi
-        variance = (vy * vy * xx - 2.0 * vx * vy * xy + vx * vx * yy) / (square * square)
-        heading_var[lane] = min(variance, FULL_CIRCLE_VARIANCE)
+        u0, u1 = -vy / square, vx / square  # of the heading by the velocity; square * square could overflow
+        variance = u0 * u0 * xx + 2.0 * u0 * u1 * xy + u1 * u1 * yy
+        if variance < FULL_CIRCLE_VARIANCE:
+            heading_var[lane] = max(variance, 0.0)
 
 
 @jit

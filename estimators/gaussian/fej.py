@@ -8,6 +8,7 @@ target: J p_T,anchor, and J v_T,anchor or 1 for its heading) then hold H N = 0 a
 import math
 from typing import ClassVar
 
+from estimators.gaussian.anchor import A_T, ROUGH_NIS, STALE, TORN, has_shifted, linear_point, renew
 from estimators.gaussian.growth import advance_pending, grow
 from estimators.gaussian.layout import GaussianEstimator
 from estimators.gaussian.sweep import UNLIKELY, UNUSABLE, USED, associate, limit_of, note
@@ -29,8 +30,6 @@ from estimators.kernels.jit import inline, jit
 from estimators.kernels.motion import calibrated, control_noise, control_std, displacement, unicycle, unicycle_noise
 from estimators.kernels.range_bearing import gradient, measure, noise_std
 from estimators.models import TWIST
-
-A_T = 2  # where the target's state begins in `anchor`
 
 
 @inline
@@ -155,15 +154,18 @@ def update_one(
         is_target = slot == TARGET_SLOT and target_known[lane]
         if slot < 0 and not is_target:
             continue
-        if is_target:
-            j, first_x, first_y = ROBOT, anchor[lane, A_T], anchor[lane, A_T + 1]
-        else:
-            j, first_x, first_y = ROBOT + n_t + 2 * slot, first[lane, slot, 0], first[lane, slot, 1]
+        j = ROBOT if is_target else ROBOT + n_t + 2 * slot
+        first_x, first_y = linear_point(lane, slot, is_target, first, anchor)
+        if has_shifted(mu, lane, j, anchor, first_x, first_y, STALE):
+            renew(mu, lane, n_t, count[lane], first, anchor)
+            first_x, first_y = linear_point(lane, slot, is_target, first, anchor)
         limit = limit_of(gates[0], model, is_target)
         distance, bearing = ranges[lane, k], bearings[lane, k]
         outcome, nis = observe(mu, P, work, lane, n, j, model, anchor, first_x, first_y, distance, bearing, limit)
         if outcome != USED:
             note(outcome, nis, is_target, mu, P, lane, n, n_t, model, target_known, pending, counters)
+        elif nis > ROUGH_NIS and has_shifted(mu, lane, j, anchor, first_x, first_y, TORN):
+            renew(mu, lane, n_t, count[lane], first, anchor)
     held, known, held_x, held_y = pending[lane, 0] > 0.0, target_known[lane], 0.0, 0.0
     if n_t > 0:
         held_x, held_y = anchor[lane, A_T], anchor[lane, A_T + 1]
@@ -210,7 +212,8 @@ class FEJEKF(GaussianEstimator):
     When to use: where consistency matters and bearing noise is moderate (about 1 deg and long runs, or less).
 
     Known weakness: its Jacobians stay where the estimates were first; at bearing noise of 2-3 deg over long runs they
-    are far from the truth and it becomes overconfident, `ri-ekf` later.
+    are far from the truth and it becomes overconfident, `ri-ekf` later. Where an outlier has torn the estimate away
+    from them it linearises anew (`estimators.gaussian.anchor`).
 
     Reference: Huang, Mourikis and Roumeliotis, "A first-estimates Jacobian EKF for improving SLAM consistency", 2009;
     Geng 2024, Eqs. (32)-(33).

@@ -18,7 +18,7 @@ from estimators.gaussian.invariant import CORRECTION, retract
 from estimators.gaussian.layout import GaussianEstimator
 from estimators.gaussian.sigma_point import GAUSSIAN_STEP
 from estimators.gaussian.sweep import UNLIKELY, UNUSABLE, USED, associate, limit_of, note
-from estimators.gaussian.taylor_net import fit_net, root_of, seen, slopes, to_beam, turned
+from estimators.gaussian.taylor_net import fit_net, from_beam, root_of, seen, slopes, to_beam, turned
 from estimators.interface import Floats, Ints, Scan
 from estimators.kernels.angles import wrap
 from estimators.kernels.association import NEAREST, TARGET_SLOT
@@ -97,7 +97,7 @@ def observe(mu, P, work, lane, n, j, model, distance, bearing, limit, h):
     nis = nis_and_log_det(s00, s01, s11, y0, y1)[0]
     if not nis <= limit:
         return (UNUSABLE if math.isnan(nis) else UNLIKELY), nis
-    a00, a01, a10, a11 = g00 * ux - g01 * uy, g00 * uy + g01 * ux, g10 * ux - g11 * uy, g10 * uy + g11 * ux
+    a00, a01, a10, a11 = from_beam(ux, uy, g00, g01, g10, g11)
     downdate(
         work, CORRECTION, P, work, lane, n, j, a00, a01, a10, a11, -r * g01, -r * g11, y0, y1, s00, s01, s11
     )  # fmt: skip

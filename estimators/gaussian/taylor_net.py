@@ -30,6 +30,12 @@ def to_beam(ux, uy, e00, e01, e11):
 
 
 @inline
+def from_beam(ux, uy, g00, g01, g10, g11):
+    """Slopes by a vector in the axes of the beam as slopes by one in the world's axes."""
+    return g00 * ux - g01 * uy, g00 * uy + g01 * ux, g10 * ux - g11 * uy, g10 * uy + g11 * ux
+
+
+@inline
 def root_of(e00, e01, e11, distance):
     """Cholesky factor (l00, l10, l11) of a covariance of D, floored."""
     floor = (MIN_SPREAD * distance) ** 2

@@ -221,3 +221,17 @@ def test_h_must_be_a_positive_number(h):
 @pytest.mark.parametrize("check", [*checks("ri-cdkf", budget=6), *checks("ri-taylor-ekf")], ids=str)
 def test_the_contract_holds(check):
     check()
+
+
+@pytest.mark.slow
+def test_consistent_where_the_cdkf_is_not():
+    """The loop of Tian et al. 2010, both with at most 10 landmarks."""
+    from slam_gym.evaluation import compare
+
+    names = ["cdkf:budget=10", "ri-cdkf:budget=10"]
+    runs = compare("tian-sparse", names, runs=150, seed=20240, jobs=1, tracks=0).runs
+    nees = runs.pivot(index="run", columns="estimator", values="pose_nees_mean")
+    assert nees[names[0]].mean() > 4.0
+    assert 2.6 < nees[names[1]].mean() < 3.4
+    gain = nees[names[0]] - nees[names[1]]
+    assert gain.mean() - 1.96 * gain.std() / math.sqrt(len(gain)) > 0.5

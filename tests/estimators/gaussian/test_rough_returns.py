@@ -1,0 +1,86 @@
+"""Returns from no distance at all, and outliers that are believed: no filter of the family may run away."""
+
+import numpy as np
+import pytest
+
+from estimators import registry
+from estimators._recording import DT, MOTION, SENSOR, TARGET_MODEL, feed, record, start
+from estimators.gaussian.anchor import ROUGH_NIS
+from estimators.gaussian.ekf import EKF
+from estimators.gaussian.fej import FEJEKF
+from estimators.interface import Scan
+from estimators.models import TargetModel
+from estimators.testing import checks
+
+NAMES = ["ekf", "fej-ekf", "ri-ekf", "cdkf", "ukf", "ri-cdkf", "taylor-ekf", "ri-taylor-ekf"]
+
+
+def wrap(angle):
+    return (angle + np.pi) % (2.0 * np.pi) - np.pi
+
+
+@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("distance", [1e-9, 1e-6, 1e-3])
+def test_a_landmark_first_met_at_the_robot_itself(name, distance):
+    """Driven over, left behind and seen from a distance: the pose stays near the truth, the belief sane."""
+    rng = np.random.default_rng(3)
+    estimator = registry.make(name, MOTION, SENSOR, None, num_lanes=4, max_landmarks=2)
+    pose = np.zeros((4, 3))
+    estimator.reset(pose, np.diag([1e-4, 1e-4, 1e-4]), seeds=np.arange(4))
+    for k in range(30):
+        scan = Scan.empty(4, 1)
+        gap = np.array([distance, 0.0]) - pose[:, :2]
+        r = np.hypot(*gap.T) + (SENSOR.range_std * rng.standard_normal(4) if k else 0.0)
+        bearing = np.arctan2(gap[:, 1], gap[:, 0]) - pose[:, 2] + SENSOR.bearing_std * rng.standard_normal(4)
+        scan.ranges[:, 0], scan.bearings[:, 0], scan.labels[:], scan.count[:] = np.abs(r), wrap(bearing), 0, 1
+        estimator.update(scan)
+        speed, turn = 1.0 + MOTION.speed_std * rng.standard_normal(4), MOTION.turn_std * rng.standard_normal(4)
+        pose[:, 2] += turn * DT
+        pose[:, :2] += DT * speed[:, None] * np.column_stack([np.cos(pose[:, 2]), np.sin(pose[:, 2])])
+        estimator.predict(np.tile([1.0, 0.0], (4, 1)), DT)
+    belief = estimator.belief
+    assert np.linalg.norm(belief.pose[:, :2] - pose[:, :2], axis=1).max() < 0.5
+    assert np.abs(wrap(belief.pose[:, 2] - pose[:, 2])).max() < 0.2
+    assert np.linalg.eigvalsh(belief.pose_cov).min() > 0.0
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_rough_sweeps_under_a_tight_budget(name):
+    for check in checks(name, budget=3):
+        if check.name == "rough_sweeps":
+            check()
+
+
+def test_fej_linearises_anew_after_an_outlier():
+    recording = record(1, 30)
+    estimator = FEJEKF(MOTION, SENSOR, TARGET_MODEL, max_landmarks=8)
+    start(estimator, recording)
+    feed(estimator, recording, 0, 20)
+    first = estimator.first.copy()
+    scan = Scan.empty(1, 1)
+    scan.count[0], scan.labels[0, 0] = 1, estimator.ids[0, 0]
+    scan.ranges[0, 0] = 100.0
+    estimator.update(scan)
+    count = estimator.count[0]
+    marks = estimator.mu[0, 7 : 7 + 2 * count].reshape(-1, 2)
+    np.testing.assert_array_equal(estimator.anchor[0], estimator.mu[0, [0, 1, 3, 4, 5, 6]])
+    np.testing.assert_array_equal(estimator.first[0, :count], marks)
+    assert np.abs(first[0, :count] - marks).max() > 1e-2
+    assert ROUGH_NIS > 25.0
+
+
+@pytest.mark.parametrize("speed", [0.0, 1e-200, 1e-160, 1e-3, 1e3, 1e120])
+def test_the_targets_heading_from_any_velocity(speed):
+    """No overflow, no division by zero: from nothing known to known exactly."""
+    estimator = EKF(MOTION, SENSOR, TargetModel(), max_landmarks=2)
+    velocity = speed * np.array([0.6, -0.8])
+    for variance in (0.0, 0.01):
+        cov = variance * np.eye(4)
+        estimator.reset(np.zeros(3), np.zeros((3, 3)), seeds=0, target=[1.0, 1.0, *velocity], target_cov=cov)
+        belief = estimator.belief
+        expected = min(variance / speed**2, np.pi**2 / 3.0) if speed > 1e-100 else np.pi**2 / 3.0
+        if speed > 1e-100:
+            assert belief.target_heading[0] == pytest.approx(np.arctan2(-0.8, 0.6))
+        if variance > 0.0:
+            assert belief.target_heading_var[0] == pytest.approx(expected)
+        assert 0.0 <= belief.target_heading_var[0] <= np.pi**2 / 3.0
