@@ -28,6 +28,7 @@ _BUILT_IN = {
     "slamto": "estimators.particle.slamto:SLAMTO",
     "fastslam1": "estimators.particle.fastslam:FastSLAM1",
     "fastslam2": "estimators.particle.fastslam:FastSLAM2",
+    "rbpf": "estimators.particle.improved_proposal:RBPF",
     "independent": "estimators.independent:Independent",
 }
 _registered: dict[str, type[Estimator]] = {}

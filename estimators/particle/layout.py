@@ -18,7 +18,7 @@ TWIST_ROWS = 9  # 3 + 6
 VELOCITY_ROWS = 14  # 4 + 10
 MAP_ROWS = 5
 
-DRAW_START, DRAW_MOTION, DRAW_RESAMPLE, DRAW_POSE = 0, 1, 2, 3  # purposes of `kernels.random`
+DRAW_START, DRAW_MOTION, DRAW_RESAMPLE, DRAW_POSE, DRAW_SAMPLES = 0, 1, 2, 3, 4  # purposes of `kernels.random`
 
 OPEN, USED, REFUSED = 0, 1, 2
 """A return before the update: not looked at; already in the pose and the weight; refused by the gate."""

@@ -57,6 +57,8 @@ FILTERS = {
     "fastslam1": ("fastslam1", {"particles": 200}),
     "fastslam2-20": ("fastslam2", {"particles": 20}),
     "fastslam2": ("fastslam2", {"particles": 200}),
+    "fastslam2-50": ("fastslam2", {"particles": 50}),
+    "rbpf-50": ("rbpf", {"particles": 50}),
 }
 
 
@@ -124,3 +126,15 @@ def test_fastslam2_with_20_particles_is_not_worse_than_fastslam1_with_200(experi
     for few, many in zip(experiment["fastslam2-20"][:2], experiment[baseline][:2], strict=True):
         difference = (few - many).mean(axis=0)
         assert difference.mean() + 1.96 * difference.std() / np.sqrt(difference.size) < 0.1 * many.mean()
+
+
+def test_the_improved_proposal_does_what_fastslam2_does_at_equal_particles(experiment):
+    """Paired differences of both errors: the 95 % interval lies within a tenth of the error on either side."""
+    for sampled, gaussian in zip(experiment["rbpf-50"][:2], experiment["fastslam2-50"][:2], strict=True):
+        difference = (sampled - gaussian).mean(axis=0)
+        half = 1.96 * difference.std() / np.sqrt(difference.size)
+        assert abs(difference.mean()) + half < 0.1 * gaussian.mean()
+    assert (
+        abs(inside(experiment["rbpf-50"][2], 0.2158, 9.348) - inside(experiment["fastslam2-50"][2], 0.2158, 9.348))
+        < 0.03
+    )
