@@ -17,6 +17,7 @@ COMMANDS = {
     "replay": ("slam_gym.commands.replay:Replay", "a recorded robot through the same estimators and metrics"),
     "export": ("slam_gym.commands.export:Export", "write a simulated run in a recorded robot's format"),
     "report": ("slam_gym.commands.report:Report", "draw a results folder again: report.html and pictures"),
+    "train": ("agents.sb3.train:Train", "train a policy (PPO, SAC) on many worlds at once"),
     "merge": ("slam_gym.commands.merge:Merge", "put the shards of one comparison together"),
     "list": ("slam_gym.commands.list:List", "scenarios, estimators, policies, environments; or the page of one"),
 }

@@ -1,0 +1,165 @@
+"""A training of test size: what it leaves behind, the same weights again, interrupted or not."""
+
+import csv
+import json
+import subprocess
+import sys
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+pytest.importorskip("stable_baselines3")
+
+from agents.sb3.evaluation import evaluate
+from agents.sb3.policy_file import load_policy, read_settings
+from agents.sb3.train import Train, describe
+from agents.sb3.training import check_numbers, load_scenario, make_environment, train
+from slam_gym import cli
+from slam_gym.evaluation_plan import WORLD_SEEDS, run_seeds
+from slam_gym.scenario import Scenario
+
+PPO = Train(
+    steps=4096, num_envs=16, seed=3, evaluate_every=1500, evaluation_runs=6, set=("max_steps=120",),
+    estimator="ekf", hyperparams=("n_steps=32", "batch_size=256", "policy_kwargs=dict(net_arch=[16])"),
+)  # fmt: skip
+SAC = replace(
+    PPO, algo="sac", steps=1400, num_envs=8, evaluate_every=600, evaluation_runs=2, set=("max_steps=40",),
+    hyperparams=("learning_starts=200", "gradient_steps=1", "batch_size=32", "buffer_size=1000",
+                 "policy_kwargs=dict(net_arch=[16])"),
+)  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def trained(tmp_path_factory):
+    out = tmp_path_factory.mktemp("ppo") / "run"
+    told = []
+    return train(PPO, out, command="slam-gym train", report=lambda *what: told.append(what)), told
+
+
+def test_what_a_training_leaves_behind(trained):
+    run, told = trained
+    assert [row["steps"] for row in run.rows] == [0, 1536, 3072, 4096]
+    assert told[-1][:2] == (4096, 4096)
+    with (run.out / "evaluations.csv").open() as file:
+        rows = list(csv.DictReader(file))
+    assert [float(row["return"]) for row in rows] == pytest.approx([row["return"] for row in run.rows], rel=1e-6)
+    config = json.loads((run.out / "config.json").read_text())
+    assert config["command"] == "slam-gym train"
+    assert config["settings"]["seed"] == 3
+    assert config["hyperparameters"]["gamma"] == 0.98
+    assert "torch" in config["versions"]
+    best, latest = read_settings(run.out / "best"), read_settings(run.out / "latest")
+    assert best["training"]["evaluation"] == run.best
+    assert latest["sha256"] == run.digest
+    assert latest["decision_dt"] == pytest.approx(0.4)
+    assert list((run.out / "tensorboard").iterdir())
+
+
+def test_it_learns(tmp_path):
+    """A minute of robot time in 32 worlds is enough to turn towards the target."""
+    chosen = ("n_steps=16", "batch_size=128", "policy_kwargs=dict(net_arch=[32])", "learning_rate=3e-3")
+    settings = Train(
+        steps=8192, num_envs=32, evaluate_every=8192, evaluation_runs=16, estimator="ekf", hyperparams=chosen
+    )
+    first, last = train(settings, tmp_path).rows
+    assert last["return"] > first["return"] + 30.0  # seeds 0, 1, 2: 98, 80, 47
+    assert last["lost"] < first["lost"] - 0.15
+    assert "target error" in describe(last)
+
+
+def test_the_policy_file_earns_what_the_evaluation_says(trained):
+    run = trained[0]
+    network = load_policy(run.out / "best")[1]
+    envs = make_environment(PPO, load_scenario(PPO), PPO.evaluation_runs, "NextStep")
+
+    def act(observations):
+        action = np.zeros((len(observations), 2))
+        network.act(observations, np.arange(len(observations)), action)
+        return action
+
+    seeds = run_seeds(PPO.seed, 202, range(PPO.evaluation_runs)).tolist()
+    assert evaluate(act, envs, seeds)["return"] == pytest.approx(run.best["return"], abs=0.5)
+
+
+def test_the_same_command_gives_the_same_weights(trained, tmp_path):
+    again = train(PPO, tmp_path)
+    assert again.digest == trained[0].digest
+    assert again.rows == trained[0].rows
+
+
+class StopError(Exception):
+    pass
+
+
+@pytest.mark.parametrize("settings", [PPO, SAC], ids=["ppo", "sac"])
+def test_an_interrupted_training_ends_with_the_same_weights(settings, trained, tmp_path):
+    whole = trained[0] if settings is PPO else train(settings, tmp_path / "whole")
+
+    def interrupt(done, total, row):
+        if done > 0.8 * total:
+            raise StopError
+
+    with pytest.raises(StopError):
+        train(settings, tmp_path / "parts", report=interrupt)
+    resumed = train(replace(settings, resume=True), tmp_path / "parts")
+    assert resumed.digest == whole.digest
+    assert resumed.rows == whole.rows
+
+
+def test_a_finished_training_can_get_longer(trained, tmp_path):
+    short = train(replace(PPO, steps=2048, evaluate_every=1500), tmp_path)
+    longer = train(replace(PPO, resume=True), tmp_path)
+    assert longer.digest == trained[0].digest != short.digest
+    assert train(replace(PPO, resume=True), tmp_path).digest == longer.digest  # nothing left to do
+
+
+def test_a_folder_is_not_overwritten_and_other_settings_are_not_resumed(trained, tmp_path):
+    out = trained[0].out
+    with pytest.raises(ValueError, match=r"holds a training already: go on with --resume"):
+        train(PPO, out)
+    with pytest.raises(ValueError, match=r"seed was 3, not 4. The command was: slam-gym train"):
+        train(replace(PPO, seed=4, resume=True), out)
+    with pytest.raises(ValueError, match=r"gamma was 0.98, not 0.9"):
+        train(replace(PPO, hyperparams=(*PPO.hyperparams, "gamma=0.9"), resume=True), out)
+    with pytest.raises(ValueError, match=r"nothing to resume"):
+        train(replace(PPO, resume=True), tmp_path)
+
+
+def test_worlds_of_training_evaluation_and_comparison_differ():
+    from agents.sb3.training import EVALUATION_SEEDS, TRAINING_SEEDS
+
+    seeds = [run_seeds(0, purpose, range(200)) for purpose in (TRAINING_SEEDS, EVALUATION_SEEDS, WORLD_SEEDS)]
+    assert len(np.unique(np.concatenate(seeds))) == 600
+
+
+def test_how_long_an_action_lasts():
+    assert load_scenario(Train()).hold == 4
+    assert load_scenario(Train(hold=2)).hold == 2
+    assert load_scenario(Train(set=("hold=3",))).hold == 3
+    dt = Scenario.load("default").dt
+    assert load_scenario(Train(set=("dt=0.9",))).hold == 1 != 4 * dt
+
+
+def test_wrong_numbers_are_named(capsys, tmp_path):
+    for wrong in ({"evaluate_every": 0}, {"evaluation_runs": 0}, {"threads": 0}, {"seed": -1}):
+        with pytest.raises(ValueError, match=next(iter(wrong)).replace("_", "-")):
+            check_numbers(Train(**wrong))
+    assert cli.main(["train", "--hyperparams", "gama=0.9", "--out", str(tmp_path)]) == 2
+    assert "PPO: unknown hyperparameter 'gama'. Did you mean 'gamma'?" in capsys.readouterr().err
+
+
+def test_the_command_prints_where_the_policy_is(capsys, tmp_path):
+    words = ["train", "--steps", "256", "--num-envs", "4", "--evaluation-runs", "2", "--set", "max_steps=40"]
+    words += ["--estimator", "ekf", "--hyperparams", "n_steps=32", "batch_size=64", "--out", str(tmp_path / "run")]
+    assert cli.main(words) == 0
+    said = capsys.readouterr()
+    assert f"slam-gym compare --policies pursuit learned:path={tmp_path / 'run'}" in said.out
+    assert "256 decisions: return" in said.err
+
+
+def test_nothing_heavy_is_imported_before_it_is_needed():
+    heavy = "('torch', 'stable_baselines3')"
+    code = f"import sys, agents.sb3.train, agents.sb3.policy; print([m for m in {heavy} if m in sys.modules])"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "[]"
