@@ -16,7 +16,7 @@ KINDS = tuple(COMPONENTS)
 
 @jit
 def _to_command(action, wheels, speed_min, speed_max, turn_max, track, command):
-    """command [L, 2] of action [L, 2], cut to [-1, 1]; False where an action is no finite number."""
+    """Command [L, 2] of action [L, 2], cut to [-1, 1]; False where an action is no finite number."""
     finite = True
     for lane in range(action.shape[0]):
         a, b = action[lane, 0], action[lane, 1]
@@ -70,7 +70,7 @@ class ActionMap:
 
     def fill(self, action: Floats, command: Floats) -> bool:
         """Write the commands [L, 2] of actions [L, 2], cut to [-1, 1]; False where one is not a finite number."""
-        return _to_command(action, *self._numbers, command)  # type: ignore[no-any-return]
+        return _to_command(action, *self._numbers, command)
 
     def to_command(self, action: Floats) -> Floats:
         """Physical commands [L, 2] (speed [m/s], turn rate [rad/s] or steering angle [rad]) of actions [L, 2].

@@ -190,7 +190,7 @@ class _Episodes:
             steps=self.steps.copy(),
             values=self.values[e][:, :last],
             age=self.age[:, :last],
-            time=self.scenario.dt * np.arange(1, last + 1),
+            time=np.arange(1, last + 1, dtype=np.float64) * self.scenario.dt,
             collisions=np.array(simulation.world.collisions, dtype=np.int64),
             counts={name: np.array(n, dtype=np.int64) for name, n in simulation.estimators[e].counts.items()},
             timing=np.array(timing, dtype=np.float64),

@@ -195,9 +195,7 @@ def _observe(
         command = k[ODOMETRY] + 2 * lane
         _robot(out, lane, at, pose, pose_cov, border, x[command], x[command + 1], settings)
         at += ROBOT_SIZE + WALLS_SIZE
-        _landmarks(
-            out, lane, at, nearest.shape[1], mapped, landmark_rel, landmark_rel_cov, nearest, settings[_UNIT]
-        )
+        _landmarks(out, lane, at, nearest.shape[1], mapped, landmark_rel, landmark_rel_cov, nearest, settings[_UNIT])
 
 
 def equally_probable_points() -> Floats:
@@ -267,7 +265,9 @@ class Observer:
         """The space of one lane's observation: "box", or "dict" of the same numbers by block."""
         if kind == "box":
             return spaces.Box(self.low, self.high, dtype=np.float32)
-        parts = {name: spaces.Box(self.low[s], self.high[s], dtype=np.float32) for name, s in self.blocks.items()}
+        parts: dict[str, spaces.Space[Any]] = {
+            name: spaces.Box(self.low[s], self.high[s], dtype=np.float32) for name, s in self.blocks.items()
+        }
         return spaces.Dict(parts)
 
     def observe(self, belief: Belief, world: World) -> NDArray[np.float32]:

@@ -165,8 +165,9 @@ def _sentences(summary: pd.DataFrame, paired: pd.DataFrame) -> list[str]:
     scored = summary[summary["pose_nees_mean"].notna()]
     if not len(scored):
         return []
-    honest = scored.loc[(scored["pose_nees_mean"] / 3.0).map(lambda v: abs(math.log(max(v, 1e-9)))).idxmin()]
-    accurate = scored.loc[scored["robot_error_rmse"].idxmin()]
+    rows = scored.to_dict("records")
+    honest = min(rows, key=lambda row: abs(math.log(max(row["pose_nees_mean"], 1e-9) / 3.0)))
+    accurate = min(rows, key=lambda row: row["robot_error_rmse"])
     sentences = [
         f"Closest to honest: {honest['estimator']}, pose NEES {honest['pose_nees_mean']:.2f} (3 is right). "
         f"Least robot error: {accurate['estimator']}, RMSE {accurate['robot_error_rmse']:.3f} m."

@@ -220,9 +220,13 @@ def _compare(
             _compare_info(infos, i, info, when)
         final = lanes.finals[i]
         has_final = "_final_obs" in infos and bool(infos["_final_obs"][i])
-        assert has_final == (final is not None), f"{when}: lane {i}: final_obs is there and should not be, or the reverse"
+        assert has_final == (final is not None), (
+            f"{when}: lane {i}: final_obs is there and should not be, or the reverse"
+        )
         if final is not None:
-            assert _equal(infos["final_obs"][i], final[0]), f"{when}: final_obs of lane {i} is not the old episode's last"
+            assert _equal(infos["final_obs"][i], final[0]), (
+                f"{when}: final_obs of lane {i} is not the old episode's last"
+            )
             assert "final_info" in infos, f"{when}: there is no final_info beside final_obs"
             _compare_info(infos["final_info"], i, final[1], f"{when}, final_info")
 
@@ -234,11 +238,15 @@ def _compare_info(infos: Mapping[str, Any], lane: int, info: Mapping[str, Any], 
         assert infos[f"_{key}"][lane], f"{when}: infos['_{key}'] says that lane {lane} has none, but it should"
         ours = infos[key]
         ours = {k: v[lane] for k, v in ours.items()} if isinstance(ours, dict) else ours[lane]
-        assert _equal(ours, value), f"{when}: infos[{key!r}] of lane {lane} is {ours}, in its single environment {value}"
+        assert _equal(ours, value), (
+            f"{when}: infos[{key!r}] of lane {lane} is {ours}, in its single environment {value}"
+        )
     for key, mask in _masks(infos):
         name = key[1:]
         if name not in info and name not in ("final_obs", "final_info"):
-            assert not mask[lane], f"{when}: infos has {name!r} for lane {lane}, which its single environment does not give"
+            assert not mask[lane], (
+                f"{when}: infos has {name!r} for lane {lane}, which its single environment does not give"
+            )
 
 
 # ---------------------------------------------------------------------------------------------------- shapes and types
@@ -250,7 +258,9 @@ def _check_returned(envs: Any, observations: Any, infos: Any, *outcome: Any) -> 
     assert observations in envs.observation_space, "the observations are not in observation_space"
     for lane in range(L):
         one = _lane(envs, observations, lane)
-        assert one in envs.single_observation_space, f"the observation of lane {lane} is not in single_observation_space"
+        assert one in envs.single_observation_space, (
+            f"the observation of lane {lane} is not in single_observation_space"
+        )
     for name, array, kind in zip(("rewards", "terminations", "truncations"), outcome, (np.float64, np.bool_, np.bool_),
                                  strict=False):  # fmt: skip
         right = isinstance(array, np.ndarray) and array.shape == (L,) and array.dtype == kind

@@ -76,9 +76,7 @@ class Lanes:
         self.num_lanes, self.observation = num_lanes, observation
         self.action_map = ActionMap(self.scenario, action)
         self.observer = Observer(self.scenario, num_lanes, nearest_landmarks, sectors)
-        self.simulation = Simulation(
-            self.scenario, [(estimator, options)], num_lanes, threads, allow_truth=allow_truth
-        )
+        self.simulation = Simulation(self.scenario, [(estimator, options)], num_lanes, threads, allow_truth=allow_truth)
         self.scorer = Scorer(self.scenario, self.simulation, weights, ending, self.observer.border)
         self.max_steps, self.hold = int(self.scenario.max_steps), int(self.scenario.hold)
         self.action: Floats = np.zeros((num_lanes, 2))

@@ -20,7 +20,7 @@ Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 Bools = NDArray[np.bool_]
 
-NUM_METRICS = len(METRIC)
+NUM_METRICS = len(METRIC.names or ())
 NUMBERS = (
     *(METRIC.names or ()),
     *(f"reward_{name}" for name in reward.TERMS),

@@ -46,22 +46,22 @@ class SlamTargetEnv(gym.Env[Any, NDArray[np.float32]]):
     `Box(-1, 1, (2,), float32)`; numbers beyond are cut, NaN and infinity are errors. One action lasts `hold`
     simulation steps of the scenario.
 
-    | action       | component 0                                        | component 1                                 |
-    |--------------|----------------------------------------------------|---------------------------------------------|
-    | `"twist"`    | forward: 1 = top speed, -1 = fastest reverse speed | turn: 1 = highest turn rate, to the left    |
-    | `"wheels"`   | left wheel: 1 = top speed                          | right wheel                                 |
-    | `"steering"` | forward, as for "twist" (bicycle robots only)      | steering angle: 1 = leftmost                |
+    | action       | component 0                                        | component 1 |
+    |--------------|----------------------------------------------------|---|
+    | `"twist"`    | forward: 1 = top speed, -1 = fastest reverse speed | turn: 1 = highest turn rate, to the left |
+    | `"wheels"`   | left wheel: 1 = top speed                          | right wheel |
+    | `"steering"` | forward, as for "twist" (bicycle robots only)      | steering angle: 1 = leftmost |
 
     ## Observation Space
 
     `Box` of 8 S/8 ... numbers in float32, or with `observation="dict"` the same numbers by block. It shows the belief
     in the robot's frame, never the truth.
 
-OBSERVATION_TABLE
+    OBSERVATION_TABLE
 
     ## Rewards
 
-REWARD_TABLE
+    REWARD_TABLE
 
     ## Starting State
 
@@ -73,29 +73,29 @@ REWARD_TABLE
 
     ## Episode End
 
-    Truncation: after `max_steps` simulation steps of the scenario (the environment does this itself). Termination: never
-    by default; with `terminate_on_capture` when the robot is nearer to the target than that, with `terminate_outside`
-    when the robot leaves the arena.
+    Truncation: after `max_steps` simulation steps of the scenario (the environment does this itself). Termination:
+    never by default; with `terminate_on_capture` when the robot is nearer to the target than that, with
+    `terminate_outside` when the robot leaves the arena.
 
     ## Information
 
     The truth lives only here. Numbers that are not defined (no target known yet, no covariance) are left out.
 
-    | key                                             | what                                                         |
-    |-------------------------------------------------|--------------------------------------------------------------|
-    | `robot_error`, `heading_error`                  | of the robot's pose [m], [rad]                               |
-    | `target_error`, `target_error_rel`              | of the target's position in the world, in the robot's frame  |
-    | `target_velocity_error`, `target_heading_error` | [m/s], [rad]                                                 |
-    | `landmark_error`, `landmark_count`              | root mean square over the map [m]; landmarks in it           |
-    | `pose_nees`, `target_nees`, `target_state_nees`, `landmark_nees` | error squared in units of the covariance    |
-    | `reward_<term>`                                 | the value of each reward term, before its weight             |
-    | `target_distance`, `time_since_seen`            | true distance [m]; since the last return of the target [s]   |
-    | `target_seen`, `target_visible`, `target_lost`  | in the latest sweep; could be seen; unseen for over 2 s      |
-    | `collisions`, `in_collision`                    | with pillars, so far; now                                    |
-    | `outside`, `captured`                           | of the arena; as `terminate_on_capture` has it               |
-    | `is_success`                                    | captured, or tracked: not lost and `target_error` below      |
-    |                                                 | `success_error` (`robot_error` where there is no target)     |
-    | `robot_pose`, `target_state`                    | true (x, y, heading); (x, y, velocity_x, velocity_y)         |
+    | key                                             | what |
+    |-------------------------------------------------|---|
+    | `robot_error`, `heading_error`                  | of the robot's pose [m], [rad] |
+    | `target_error`, `target_error_rel`              | of the target's position in the world, in the robot's frame |
+    | `target_velocity_error`, `target_heading_error` | [m/s], [rad] |
+    | `landmark_error`, `landmark_count`              | root mean square over the map [m]; landmarks in it |
+    | `pose_nees`, `target_nees`, `target_state_nees`, `landmark_nees` | error squared in units of the covariance |
+    | `reward_<term>`                                 | the value of each reward term, before its weight |
+    | `target_distance`, `time_since_seen`            | true distance [m]; since the last return of the target [s] |
+    | `target_seen`, `target_visible`, `target_lost`  | in the latest sweep; could be seen; unseen for over 2 s |
+    | `collisions`, `in_collision`                    | with pillars, so far; now |
+    | `outside`, `captured`                           | of the arena; as `terminate_on_capture` has it |
+    | `is_success`                                    | captured, or tracked: not lost and `target_error` below |
+    |                                                 | `success_error` (`robot_error` where there is no target) |
+    | `robot_pose`, `target_state`                    | true (x, y, heading); (x, y, velocity_x, velocity_y) |
 
     Where the sensor tells no ids, the landmarks' errors are left out (matching maps takes too long for every step).
 
@@ -103,22 +103,22 @@ REWARD_TABLE
 
     All of JSON types, so that `env.spec.to_json()` works.
 
-    | argument               | default      | what                                                                        |
-    |------------------------|--------------|-----------------------------------------------------------------------------|
-    | `scenario`             | `"default"`  | name (`slam-gym list scenarios`), path of a TOML file, or dictionary         |
-    | `scenario_options`     | `{}`         | changes by dotted key, `{"sensor.max_range": 5.0}`                          |
-    | `estimator`            | `"ekf"`      | name (`slam-gym list estimators`)                                           |
-    | `estimator_options`    | `{}`         | the estimator's own                                                         |
-    | `observation`          | `"box"`      | or `"dict"`                                                                 |
-    | `action`               | `None`       | `"twist"`, `"wheels"`, `"steering"`; None: "twist", for a bicycle "steering" |
-    | `reward`               | `{}`         | weights by term, `{"effort": 0.1}`; the others keep their defaults           |
-    | `nearest_landmarks`    | 8            | K, landmarks in the observation                                             |
-    | `sectors`              | 8            | S, directions in the observation                                            |
-    | `terminate_on_capture` | `None`       | [m]                                                                         |
-    | `terminate_outside`    | `False`      |                                                                             |
-    | `success_error`        | 1.0          | [m]                                                                         |
-    | `allow_truth`          | `False`      | accept reference estimators that are handed the truth                       |
-    | `render_mode`          | `None`       | `"human"` (a window) or `"rgb_array"`                                       |
+    | argument               | default      | what |
+    |------------------------|--------------|---|
+    | `scenario`             | `"default"`  | name (`slam-gym list scenarios`), path of a TOML file, or dictionary |
+    | `scenario_options`     | `{}`         | changes by dotted key, `{"sensor.max_range": 5.0}` |
+    | `estimator`            | `"ekf"`      | name (`slam-gym list estimators`) |
+    | `estimator_options`    | `{}`         | the estimator's own |
+    | `observation`          | `"box"`      | or `"dict"` |
+    | `action`               | `None`       | `"twist"`, `"wheels"`, `"steering"`; None: the robot's usual one |
+    | `reward`               | `{}`         | weights by term, `{"effort": 0.1}`; the others keep their defaults |
+    | `nearest_landmarks`    | 8            | K, landmarks in the observation |
+    | `sectors`              | 8            | S, directions in the observation |
+    | `terminate_on_capture` | `None`       | [m] |
+    | `terminate_outside`    | `False`      | |
+    | `success_error`        | 1.0          | [m] |
+    | `allow_truth`          | `False`      | accept reference estimators that are handed the truth |
+    | `render_mode`          | `None`       | `"human"` (a window) or `"rgb_array"` |
 
     ## Version History
 
@@ -206,7 +206,7 @@ REWARD_TABLE
         flat = self.lanes.observe()[0]
         return flat if self._flat else self.lanes.observer.split(flat)
 
-    def render(self) -> NDArray[np.uint8] | None:  # type: ignore[override]
+    def render(self) -> NDArray[np.uint8] | None:
         """The present picture: [height, width, 3] uint8 in mode "rgb_array"; "human" shows it in a window."""
         if self.render_mode is None:
             gym.logger.warn(
@@ -220,7 +220,7 @@ REWARD_TABLE
 
         if self._renderer is None:
             self._renderer = Renderer(self.render_mode, size=PICTURE, fps=self.metadata["render_fps"])  # type: ignore[arg-type]
-        return self._renderer.draw(Frame.from_simulation(self.simulation))  # type: ignore[no-any-return]
+        return self._renderer.draw(Frame.from_simulation(self.simulation))
 
     def close(self) -> None:
         """Close the window, if there is one."""
@@ -256,7 +256,7 @@ def check_render_mode(mode: Any, modes: Sequence[str]) -> str | None:
     """
     if mode is not None and mode not in modes:
         raise ValueError(f"render_mode must be None or one of {', '.join(map(repr, modes))}; got {mode!r}")
-    return mode  # type: ignore[no-any-return]
+    return mode
 
 
 def frames_per_second(scenario: Scenario) -> int:

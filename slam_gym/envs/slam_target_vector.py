@@ -48,13 +48,13 @@ class SlamTargetVectorEnv(VectorEnv[Any, Any, Any]):
 
     **Autoreset** (`autoreset_mode`, also in `metadata`), as Gymnasium defines it:
 
-    | mode                    | what happens to a lane whose episode has ended                                          |
-    |-------------------------|-----------------------------------------------------------------------------------------|
-    | `"SameStep"` (default)  | begins its next episode in the same step; the last observation and info of the old one   |
-    |                         | stand in `infos["final_obs"]` and `infos["final_info"]`, with the masks `_final_obs`,    |
-    |                         | `_final_info`                                                                           |
-    | `"NextStep"`            | begins its next episode in the next step, whose action is ignored and whose reward is 0 |
-    | `"Disabled"`            | waits for `reset(options={"reset_mask": mask})`                                         |
+    | mode                    | what happens to a lane whose episode has ended |
+    |-------------------------|---|
+    | `"SameStep"` (default)  | begins its next episode in the same step; the last observation and info of the old one |
+    |                         | stand in `infos["final_obs"]` and `infos["final_info"]`, with the masks `_final_obs`, |
+    |                         | `_final_info` |
+    | `"NextStep"`            | begins its next episode in the next step; that action is ignored, its reward is 0 |
+    | `"Disabled"`            | waits for `reset(options={"reset_mask": mask})` |
 
     **Info**: every key has an array [L] (or [L, 3], [L, 4]), and `_key` a mask of the lanes where it is defined.
 
@@ -197,7 +197,8 @@ class SlamTargetVectorEnv(VectorEnv[Any, Any, Any]):
         over, going = np.flatnonzero(self._ended), np.flatnonzero(~self._ended)
         if self.autoreset_mode is AutoresetMode.DISABLED:
             raise gym.error.ResetNeeded(
-                f"lanes {over.tolist()} have ended and autoreset is disabled: call reset(options={{'reset_mask': mask}})"
+                f"lanes {over.tolist()} have ended and autoreset is disabled: "
+                "call reset(options={'reset_mask': mask})"
             )
         self.lanes.action[over] = 0.0
         if len(going):
