@@ -82,7 +82,7 @@ class Results:
         ):
             stem = file_stem(scenario, policy, f"run {run:04}", estimator)
             for suffix, columns in _TRAJECTORIES.items():
-                poses = track[["time", *columns]].dropna()
+                poses = track[["time", *columns]].replace([np.inf, -np.inf], np.nan).dropna()
                 if len(poses):
                     write_atomic(folder / f"{stem}{suffix}.tum", partial(_write_tum, poses.to_numpy()))
 

@@ -20,9 +20,12 @@ Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 Bools = NDArray[np.bool_]
 
-NUM_METRICS = len(METRIC.names or ())
+# GOSPA needs a map without ids, which is too slow to match at every step.
+MEASURED = tuple(name for name in METRIC.names or () if name != "landmark_gospa")
+NUM_METRICS = len(MEASURED)
+_COLUMNS = tuple((METRIC.names or ()).index(name) for name in MEASURED)
 NUMBERS = (
-    *(METRIC.names or ()),
+    *MEASURED,
     *(f"reward_{name}" for name in reward.TERMS),
     "target_distance", "time_since_seen", "collisions",
 )  # fmt: skip
@@ -82,7 +85,7 @@ def _score(lanes, started, metrics, x, k, b, action, before, border, settings, w
         found = max(mapped - before[lane, 0], 0.0)
         before[lane, 0], before[lane, 1] = max(mapped, 0.0), collisions
         for i in range(NUM_METRICS):
-            values[lane, i] = metrics[lane, i]
+            values[lane, i] = metrics[lane, _COLUMNS[i]]
         term = reward.terms(
             metrics[lane, _ROBOT_ERROR], metrics[lane, _TARGET_ERROR], metrics[lane, _TARGET_ERROR_REL], has_target,
             seen, distance, found, collided, action[lane, 0], action[lane, 1],

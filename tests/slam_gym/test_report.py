@@ -49,7 +49,8 @@ def test_the_table_holds_the_summary(page, folder):
 
 
 def test_columns_without_values_are_left_out(page):
-    assert "GOSPA" not in page and "nan" not in page.lower().replace("finance", "")
+    words = re.sub(r"data:image/png;base64,[^\"]+", "", page)
+    assert "GOSPA" not in words and not re.search(r"\bnan\b", words, re.IGNORECASE)
 
 
 def test_a_folder_without_results_is_refused(tmp_path):
@@ -78,17 +79,15 @@ def test_cells(value, text, kind):
 
 
 def test_the_ellipse_holds_95_percent():
-    rng = np.random.default_rng(1)
     cov = np.array([[2.0, 0.7], [0.7, 0.5]])
     axis = Figure().subplots()
     plots.add_ellipse(axis, 1.0, -2.0, cov[0, 0], cov[0, 1], cov[1, 1], "k")
     ellipse = axis.patches[0]
-    edge = ellipse.get_patch_transform().transform(ellipse.get_path().vertices) - (1.0, -2.0)
+    turn = np.linspace(0.0, 2.0 * np.pi, 50)
+    unit_circle = np.column_stack([np.cos(turn), np.sin(turn)])
+    edge = ellipse.get_patch_transform().transform(unit_circle) - (1.0, -2.0)
     distance = np.einsum("ij,jk,ik->i", edge, np.linalg.inv(cov), edge)
-    np.testing.assert_allclose(distance.max(), chi2.ppf(0.95, 2), rtol=1e-3)
-    inside = ellipse.contains_points
-    points = axis.transData.transform(rng.multivariate_normal([1.0, -2.0], cov, 4000))
-    assert abs(inside(points).mean() - 0.95) < 0.015
+    np.testing.assert_allclose(distance, chi2.ppf(0.95, 2), rtol=1e-9)
 
 
 def test_styles_stay_apart_beyond_the_colours():
