@@ -1,4 +1,4 @@
-"""Results as tables for a terminal of 100 columns."""
+"""Results as tables for a terminal of 100 columns, without the spreads for one of 80."""
 
 import math
 from collections.abc import Callable, Mapping
@@ -13,6 +13,7 @@ from slam_gym.results import Results
 
 NEES_SUSPECT = 1.5  # times its expectation: shown in red
 NAME_WIDTH = 24
+WIDE = 96  # columns from which the spreads over runs are printed too
 SENTENCES = 14  # paired differences printed; the rest stays in the files
 
 Row = Mapping[Any, Any]
@@ -35,7 +36,9 @@ def print_results(results: Results, console: Console) -> None:
     for (scenario, policy), group in results.summary.groupby(["scenario", "policy"], sort=False):
         title = f"{scenario}, policy {policy}: {int(group['n_runs'].max())} runs"
         present = [column for column in COLUMNS if group[column[1]].notna().any()]
-        if len(group) > 1 and group["lost_share"].nunique() == 1:  # shared data: said once
+        if not group["target_error_rmse"].notna().any():  # a world without a target loses none
+            present = [column for column in present if column[1] != "lost_share"]
+        elif len(group) > 1 and group["lost_share"].nunique() == 1:  # shared data: said once
             title += f", target lost {100.0 * group['lost_share'].iloc[0]:.1f} % of the time"
             present = [column for column in present if column[1] != "lost_share"]
         table = Table(title=title, title_justify="left", title_style="bold", box=None, padding=(0, 1),
@@ -45,9 +48,10 @@ def print_results(results: Results, console: Console) -> None:
             table.add_column(escape(heading), justify="right", no_wrap=True)
         for row in group.to_dict("records"):
             name = str(row["estimator"])
-            table.add_row(name + (" *" if _is_reference(name) else ""), *(make(row) for _, _, make in present))
+            cells = [make(row) if console.width >= WIDE else make(row).partition("±")[0] for _, _, make in present]
+            table.add_row(name + (" *" if _is_reference(name) else ""), *cells)
         console.print(table)
-    console.print(_legend(results), style="dim", highlight=False)
+    console.print(_legend(results, console.width >= WIDE), style="dim", highlight=False)
     print_paired(results.paired, console)
 
 
@@ -61,14 +65,14 @@ def _is_reference(name: str) -> bool:
         return False
 
 
-def _legend(results: Results) -> str:
-    lines = [
-        "RMSE ± standard deviation over runs; relative: the target in the robot's frame; NEES: 3 (pose) and",
-        "2 (target) when honest, red where far above; lost: unseen for over 2 s; time: predict + update.",
-    ]
+def _legend(results: Results, spreads: bool) -> str:
+    text = (
+        f"RMSE{' ± standard deviation' if spreads else ''} over runs; relative: the target in the robot's frame; NEES: "
+        "3 (pose) and 2 (target) when honest, red where far above; lost: unseen for over 2 s; time: predict + update."
+    )
     if any(map(_is_reference, set(results.summary["estimator"]))):
-        lines.append("* is told the truth to linearise at: a reference, not a filter that one could use.")
-    return "\n".join(lines)
+        text += "\n* is told the truth to linearise at: a reference, not a filter that one could use."
+    return text
 
 
 def print_paired(paired: pd.DataFrame, console: Console) -> None:
