@@ -17,6 +17,8 @@ from matplotlib.figure import Figure
 
 from slam_gym import plots
 from slam_gym.results import Results
+from slam_gym.specs import is_reference
+from slam_gym.tables import PAIRED
 
 NEES_SUSPECT = 1.5  # times its expectation: marked in the table
 
@@ -154,18 +156,25 @@ def _title(summary: pd.DataFrame) -> str:
 def _headline(found: Results) -> list[str]:
     summary = found.summary
     runs = int(summary["n_runs"].max())
-    sizes = f"{len(set(summary['estimator']))} estimators, {len(_keys(summary))} combination(s) of scenario and policy"
-    first = f"{sizes}, {runs} run(s) each, on the same random draws."
+    counted = ((len(set(summary[kind])), kind.removesuffix("y")) for kind in ("estimator", "scenario", "policy"))
+    sizes = [f"{n} {kind}{_ending(kind, n)}" for n, kind in counted]
+    first = f"{sizes[0]}, {sizes[1]}, {sizes[2]}, {runs} run{'s' * (runs != 1)} each, on the same random draws."
     diverged = summary.groupby("estimator", sort=False)["diverged"].sum()
     broken = ", ".join(f"{name} ({int(n)})" for name, n in diverged.items() if n > 0)
     return [first, f"Diverged runs: {broken}." if broken else "No run diverged."]
 
 
+def _ending(kind: str, n: int) -> str:
+    if kind == "polic":
+        return "y" if n == 1 else "ies"
+    return "" if n == 1 else "s"
+
+
 def _sentences(summary: pd.DataFrame, paired: pd.DataFrame) -> list[str]:
     scored = summary[summary["pose_nees_mean"].notna()]
-    if not len(scored):
+    rows = [row for row in scored.to_dict("records") if not is_reference(str(row["estimator"]))]
+    if not rows:
         return []
-    rows = scored.to_dict("records")
     honest = min(rows, key=lambda row: abs(math.log(max(row["pose_nees_mean"], 1e-9) / 3.0)))
     accurate = min(rows, key=lambda row: row["robot_error_rmse"])
     sentences = [
@@ -213,7 +222,8 @@ def _paired_table(paired: pd.DataFrame) -> Table:
         Column("n", "runs", ".0f"),
     ]
     note = "Run by run on the same seeds; an interval that holds 0 shows no difference."
-    return _table("Paired differences", columns, paired, note)
+    words = {name: f"{what} [{unit}]" if unit else what for name, (what, unit) in PAIRED.items()}
+    return _table("Paired differences", columns, paired.replace({"metric": words}), note)
 
 
 def _drawings(

@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from estimators import registry
+from estimators.interface import TruthAware
 from estimators.registry import unknown_name
 
 
@@ -84,3 +85,11 @@ def parse_options(text: str, chosen: Iterable[str] | None = None) -> dict[str, d
         if name not in names:
             raise ValueError(f"options for an estimator that is not there: {unknown_name('estimator', name, names)}")
     return options
+
+
+def is_reference(text: str) -> bool:
+    """Whether an estimator's label names a filter that is told the truth, a yardstick that nobody could use."""
+    try:
+        return issubclass(registry.get(text.partition(":")[0]), TruthAware)
+    except (ValueError, ImportError, AttributeError):  # results of a plug-in that is not installed here
+        return False

@@ -10,6 +10,7 @@ from rich.markup import escape
 from rich.table import Table
 
 from slam_gym.results import Results
+from slam_gym.specs import is_reference
 
 NEES_SUSPECT = 1.5  # times its expectation: shown in red
 NAME_WIDTH = 24
@@ -49,20 +50,10 @@ def print_results(results: Results, console: Console) -> None:
         for row in group.to_dict("records"):
             name = str(row["estimator"])
             cells = [make(row) if console.width >= WIDE else make(row).partition("±")[0] for _, _, make in present]
-            table.add_row(name + (" *" if _is_reference(name) else ""), *cells)
+            table.add_row(name + (" *" if is_reference(name) else ""), *cells)
         console.print(table)
     console.print(_legend(results, console.width >= WIDE), style="dim", highlight=False)
     print_paired(results.paired, console)
-
-
-def _is_reference(name: str) -> bool:
-    from estimators.interface import TruthAware
-    from estimators.registry import get
-
-    try:
-        return issubclass(get(name.partition(":")[0]), TruthAware)
-    except (ValueError, ImportError, AttributeError):  # results of a plug-in that is not installed here
-        return False
 
 
 def _legend(results: Results, spreads: bool) -> str:
@@ -70,7 +61,7 @@ def _legend(results: Results, spreads: bool) -> str:
         f"RMSE{' ± standard deviation' if spreads else ''} over runs; relative: the target in the robot's frame; NEES: "
         "3 (pose) and 2 (target) when honest, red where far above; lost: unseen for over 2 s; time: predict + update."
     )
-    if any(map(_is_reference, set(results.summary["estimator"]))):
+    if any(map(is_reference, set(results.summary["estimator"]))):
         text += "\n* is told the truth to linearise at: a reference, not a filter that one could use."
     return text
 

@@ -2,10 +2,10 @@
 
 import numpy as np
 import pytest
-from estimators.gaussian.fej import FEJEKF
 
 from estimators._recording import MOTION, SENSOR, TARGET_MODEL, feed, record, start
 from estimators.gaussian.ekf import EKF
+from estimators.gaussian.fej import FEJEKF
 from estimators.gaussian.landmark_budget import LandmarkBudget, numbers_stored, weight
 from estimators.interface import Scan
 from estimators.testing import checks
