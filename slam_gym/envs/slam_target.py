@@ -1,6 +1,7 @@
 """The environment for one robot."""
 
 import copy
+import textwrap
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -10,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimators.interface import Belief
+from slam_gym import observation, reward
 from slam_gym.envs.lanes import SEED_LIMIT, Lanes
 from slam_gym.scenario import Scenario
 
@@ -54,8 +56,7 @@ class SlamTargetEnv(gym.Env[Any, NDArray[np.float32]]):
 
     ## Observation Space
 
-    `Box` of 8 S/8 ... numbers in float32, or with `observation="dict"` the same numbers by block. It shows the belief
-    in the robot's frame, never the truth.
+    `Box` of 24 + S + 6 K numbers in float32 (80 by default), or with `observation="dict"` the same numbers by block.
 
     OBSERVATION_TABLE
 
@@ -246,6 +247,16 @@ class SlamTargetEnv(gym.Env[Any, NDArray[np.float32]]):
         self.__init__(**saved["arguments"])  # type: ignore[misc]
         self.spec = saved["spec"]
         self.set_state(saved["state"])
+
+
+def _page(text: str) -> str:
+    """The class's page with the tables of observation and reward in their places."""
+    for mark, module in (("OBSERVATION_TABLE", observation), ("REWARD_TABLE", reward)):
+        text = text.replace(f"    {mark}", textwrap.indent((module.__doc__ or "").strip(), "    "))
+    return text
+
+
+SlamTargetEnv.__doc__ = _page(SlamTargetEnv.__doc__ or "")
 
 
 def check_render_mode(mode: Any, modes: Sequence[str]) -> str | None:
