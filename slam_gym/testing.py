@@ -17,13 +17,14 @@ from typing import Any
 import gymnasium as gym
 import numpy as np
 from gymnasium.vector import AutoresetMode, VectorEnv
-from gymnasium.vector.utils import batch_space, iterate
+from gymnasium.vector.utils import batch_space, concatenate, create_empty_array, iterate
 from numpy.typing import NDArray
 
 Make = Callable[[int, AutoresetMode], VectorEnv[Any, Any, Any]]
 MakeSingle = Callable[[], gym.Env[Any, Any]]
 Bools = NDArray[np.bool_]
 
+OPENING = 2  # steps after a reset that are compared, too
 ALL_MODES = (AutoresetMode.SAME_STEP, AutoresetMode.NEXT_STEP, AutoresetMode.DISABLED)
 
 
@@ -113,19 +114,40 @@ def _check_lanes(
 
 def _check_seeding(make: Make, num_envs: int, mode: AutoresetMode, seed: int) -> None:
     envs = make(num_envs, mode)
-    first = _copy(envs.reset(seed=seed)[0])
-    second = _copy(envs.reset()[0])
-    assert _equal(first, envs.reset(seed=seed)[0]), f"reset(seed={seed}) gives other observations the second time"
-    assert _equal(second, envs.reset()[0]), "the reset after a seeded one gives other observations the second time"
-    listed = envs.reset(seed=[seed + i for i in range(num_envs)])[0]  # type: ignore[arg-type]
+    first, second = _opening(envs, seed), _opening(envs, None)
+    assert _equal(first, _opening(envs, seed)), f"reset(seed={seed}) gives other observations the second time"
+    assert _equal(second, _opening(envs, None)), "the reset after a seeded one gives other observations the second time"
+    listed = _opening(envs, [seed + i for i in range(num_envs)])
     assert _equal(first, listed), f"a list of seeds [{seed}, {seed + 1}, ...] must give what reset(seed={seed}) gives"
     order = list(range(num_envs))[::-1]
-    turned = envs.reset(seed=[seed + i for i in order])[0]  # type: ignore[arg-type]
-    for lane, other in enumerate(order):
-        assert _equal(_lane(envs, turned, lane), _lane(envs, first, other)), (
-            f"lane {lane} with the seed of lane {other} does not give that lane's observation"
-        )
+    turned = _opening(envs, [seed + i for i in order])
+    for ours, theirs in zip(turned, first, strict=True):
+        for lane, other in enumerate(order):
+            assert _equal(_lane(envs, ours, lane), _lane(envs, theirs, other)), (
+                f"lane {lane} with the seed of lane {other} does not give that lane's observation"
+            )
     envs.close()
+
+
+def _opening(envs: Any, seed: Any) -> tuple[Any, ...]:
+    """Observations of a reset and of the steps after it, the same action in each: the first alone may show nothing."""
+    observations = [_copy(envs.reset(seed=seed)[0])]
+    for _ in range(OPENING):
+        actions = _batch_of(envs, _fixed_action(envs.single_action_space))
+        observations.append(_copy(envs.step(actions)[0]))
+    return tuple(observations)
+
+
+def _fixed_action(space: gym.Space[Any]) -> Any:
+    """An action that is the same at every call."""
+    space.seed(0)
+    return space.sample()
+
+
+def _batch_of(envs: Any, action: Any) -> Any:
+    """The same action in every lane."""
+    space, count = envs.single_action_space, envs.num_envs
+    return concatenate(space, [action] * count, create_empty_array(space, count))  # type: ignore[arg-type]
 
 
 def _check_reset_mask(make: Make, num_envs: int, mode: AutoresetMode, seed: int) -> None:
