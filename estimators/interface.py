@@ -153,6 +153,15 @@ class Belief:
         """Called by the estimator whenever its state has changed."""
         self._core_stale = self._map_stale = True
 
+    def refresh(self) -> None:
+        """Bring `buffers` up to date, for those who read them there."""
+        if self._core_stale:
+            self._core_stale = False
+            self._estimator._fill_core(self.buffers)
+        if self._map_stale:
+            self._map_stale = False
+            self._estimator._fill_map(self.buffers)
+
     def joint(self, lane: int) -> tuple[Floats, Floats]:
         """Mean [n] and covariance [n, n] of the joint Gaussian (robot, target, landmarks) of one lane, as copies.
 

@@ -24,6 +24,7 @@ seen; else the share of 64 equally probable points of its Gaussian; the same in 
 """
 
 import math
+from collections.abc import Callable
 from operator import itemgetter
 from typing import Any
 
@@ -32,6 +33,7 @@ from gymnasium import spaces
 from numpy.typing import NDArray
 
 from estimators.interface import Belief
+from estimators.kernels.bound import LATER, bind
 from estimators.kernels.jit import inline, jit
 from slam_gym.scenario import Scenario
 from slam_gym.scenario_fields import low_high, middle
@@ -252,6 +254,9 @@ class Observer:
             scenario.dt * scenario.sensor_period, scenario.dt, scenario.has_target,
         ])  # fmt: skip
         self._points, self._nearest = equally_probable_points(), np.zeros((2, K))
+        self._belief: Belief | None = None  # with the world, what `_fill` is bound to
+        self._world: World | None = None
+        self._fill: Callable[..., None] = _observe
 
     @staticmethod
     def _bounds(K: int, S: int) -> tuple[list[float], list[float]]:
@@ -272,13 +277,15 @@ class Observer:
 
     def observe(self, belief: Belief, world: World) -> NDArray[np.float32]:
         """[L, n] a fresh array. Of the world only sweeps' ages and odometry are read, which the robot is told."""
-        belief.pose  # noqa: B018  (refreshes robot and target)
-        belief.landmark_rel  # noqa: B018  (refreshes the map)
+        belief.refresh()
+        if belief is not self._belief or world is not self._world:
+            self._belief, self._world = belief, world
+            self._fill = bind(
+                _observe, *_BELIEF(belief.buffers), world.floats, world.integers, self.border, self.settings,
+                self._points, self._nearest, self.sectors, LATER,
+            )  # fmt: skip
         out = np.empty((self.num_lanes, self.size), dtype=np.float32)
-        _observe(
-            *_BELIEF(belief.buffers), world.floats, world.integers, self.border, self.settings, self._points,
-            self._nearest, self.sectors, out,
-        )  # fmt: skip
+        self._fill(out)
         return out
 
     def split(self, flat: NDArray[np.float32]) -> dict[str, NDArray[np.float32]]:

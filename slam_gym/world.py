@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from estimators.interface import Scan
+from estimators.kernels.bound import LATER, bind
 from estimators.kernels.random import lane_key
 from estimators.models import MotionModel, SensorModel, TargetModel
 from slam_gym.scenario import Scenario
@@ -111,6 +112,7 @@ class World:
             setattr(self, name, view)
         self.start_cov: Floats = np.zeros((L, 3, 3))
         self._arguments = (self.numbers, self._blocks.floats, self._blocks.integers, self._blocks.flags)
+        self._step = bind(step, LATER, LATER, *self._arguments)
         self._pool: ThreadPoolExecutor | None = None
 
     def reset(self, seeds: ArrayLike, lanes: Ints | None = None, options: Mapping[str, Any] | None = None) -> None:
@@ -170,14 +172,14 @@ class World:
         if self.threads > 1 and len(lanes) > 1:
             self._share(command, lanes)
         else:
-            step(lanes, command, *self._arguments)
+            self._step(lanes, command)
 
     def _share(self, command: Floats, lanes: Ints) -> None:
         """Every thread takes a run of lanes; they touch nothing in common."""
         if self._pool is None:
             self._pool = ThreadPoolExecutor(self.threads, thread_name_prefix="slam-gym-world")
         parts: Sequence[Ints] = np.array_split(lanes, min(self.threads, len(lanes)))
-        list(self._pool.map(lambda part: step(part, command, *self._arguments), parts))
+        list(self._pool.map(lambda part: self._step(part, command), parts))
 
     def target_start(self, lanes: Ints | None = None) -> tuple[Floats, Floats] | None:
         """The filter's prior of the target: mean [n, n_t] and covariance [n, n_t, n_t]; None where it is not told."""

@@ -1,7 +1,7 @@
 """The extended Kalman filter over robot, target and landmarks: kernels first, the class below them."""
 
 import math
-from typing import ClassVar
+from typing import Any, ClassVar
 
 from estimators.gaussian.growth import advance_pending, grow
 from estimators.gaussian.layout import GaussianEstimator
@@ -10,6 +10,7 @@ from estimators.interface import Floats, Ints, Scan
 from estimators.kernels.angles import wrap
 from estimators.kernels.association import NEAREST, TARGET_SLOT
 from estimators.kernels.borrow import borrow
+from estimators.kernels.bound import LATER, Bound, bind
 from estimators.kernels.gaussian import (
     ROBOT,
     downdate,
@@ -177,15 +178,29 @@ class EKF(GaussianEstimator):
     name: ClassVar[str] = "ekf"
     summary: ClassVar[str] = "joint extended Kalman filter of robot, target and landmarks"
 
-    def _predict(self, control: Floats, dt: Floats, lanes: Ints) -> None:
-        predict(
-            self.mu, self.P, self.models, self.n_t, self.count, self.target_known, self.pending, control, dt,
-            self.last_dt, lanes,
+    def _allocate(self) -> None:
+        super()._allocate()
+        self._move = bind(
+            predict, self.mu, self.P, self.models, self.n_t, self.count, self.target_known, self.pending, LATER, LATER,
+            self.last_dt, LATER,
         )  # fmt: skip
+        self._take: Bound | None = None
+
+    def _predict(self, control: Floats, dt: Floats, lanes: Ints) -> None:
+        self._move(control, dt, lanes)
 
     def _update(self, scan: Scan, lanes: Ints) -> None:
-        update(
+        if not self._same_arrays(scan):
+            self._take = None
+            update(*self._arguments(scan), lanes)
+            return
+        if self._take is None:
+            self._take = bind(update, *self._arguments(scan), LATER)
+        self._take(lanes)
+
+    def _arguments(self, scan: Scan) -> tuple[Any, ...]:
+        return (
             self.mu, self.P, self.models, self.n_t, self.count, self.ids, self.first, self.next_id, self.target_known,
             self.pending, self.counters, self.last_dt, scan.ranges, scan.bearings, scan.labels, scan.count,
-            self.association_code, self.gates, self.slots, self.cost, self.work, lanes,
+            self.association_code, self.gates, self.slots, self.cost, self.work,
         )  # fmt: skip

@@ -21,6 +21,7 @@ from estimators.gaussian.sweep import COUNTERS
 from estimators.gaussian.vague_target import forget_vague
 from estimators.interface import Belief, Estimator, Floats, Ints, Scan
 from estimators.kernels.association import KNOWN, NEAREST
+from estimators.kernels.bound import bind
 from estimators.kernels.gaussian import BLOCK, ROBOT
 from estimators.kernels.simd import aligned_zeros
 from estimators.models import MotionModel, SensorModel, TargetModel
@@ -93,8 +94,10 @@ class GaussianEstimator(Estimator):
         self._dt: Floats = np.zeros(L)
         self._control_shape = (L, 2)
         self._note_models()
-        self._core = tuple(self.belief.buffers[name] for name in Belief._CORE)
-        self._map = tuple(self.belief.buffers[name] for name in Belief._MAP)
+        core, marks = ([self.belief.buffers[name] for name in names] for names in (Belief._CORE, Belief._MAP))
+        self._core = bind(fill_core, self.mu, self.P, self.models, self.target_known, *core)
+        self._map = bind(fill_map, self.mu, self.P, self.n_t, self.count, self.ids, *marks)
+        self._scan: tuple[Any, ...] = (None,) * 4  # the arrays of the last scan
 
     def _make_budget(self, budget: int | None) -> Any:
         if budget is None:
@@ -178,6 +181,16 @@ class GaussianEstimator(Estimator):
             self.slots = np.zeros((self.num_lanes, width), dtype=np.int64)
             self.cost = np.zeros((width, self.max_landmarks + 1))
 
+    def _same_arrays(self, scan: Scan) -> bool:
+        """Whether the scan's arrays are the last one's, so that a kernel bound to them fits; remembers them."""
+        ranges, bearings, labels, count = self._scan
+        if scan.ranges is ranges and scan.bearings is bearings and scan.labels is labels and scan.count is count:
+            return True
+        arrays = scan.ranges, scan.bearings, scan.labels, scan.count
+        contiguous = all(array.flags.c_contiguous for array in arrays)
+        self._scan = arrays if contiguous else (None,) * 4
+        return False
+
     def _predict(self, control: Floats, dt: Floats, lanes: Ints) -> None:
         """The filter's prediction. control: [L, 2], dt: [L]."""
         raise NotImplementedError
@@ -187,10 +200,10 @@ class GaussianEstimator(Estimator):
         raise NotImplementedError
 
     def _fill_core(self, buffers: dict[str, Any]) -> None:
-        fill_core(self.mu, self.P, self.models, self.target_known, *self._core)
+        self._core()
 
     def _fill_map(self, buffers: dict[str, Any]) -> None:
-        fill_map(self.mu, self.P, self.n_t, self.count, self.ids, *self._map)
+        self._map()
 
     @property
     def counts(self) -> dict[str, Ints]:

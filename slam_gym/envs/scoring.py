@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from estimators.kernels.bound import LATER, bind
 from estimators.kernels.jit import jit
 from slam_gym import reward
 from slam_gym.metrics import LOST_AFTER, METRIC
@@ -147,24 +148,24 @@ class Scorer:
         ])  # fmt: skip
         world = simulation.world
         # A map without ids must be matched with the true one landmark by landmark: too slow for every step.
-        self._map = (world.landmarks, world.landmark_count) if world.labelled else (None, None)
-        self._metrics = simulation.meters[0].record.view(np.float64).reshape(L, -1)
+        landmarks, count = (world.landmarks, world.landmark_count) if world.labelled else (None, None)
+        meter, target = simulation.meters[0], world.target if world.has_target else None
+        belief = simulation.estimators[0].belief
+        self._measure = meter.bound(belief, world.pose, target, landmarks, count, world.target_heading)
+        self._score = bind(
+            _score, LATER, LATER, meter.record.view(np.float64).reshape(L, -1), world.floats, world.integers,
+            world.flags, LATER, self.before, border, self.settings, weights, self.values, self.flags, self.reward,
+            self.ended,
+        )  # fmt: skip
 
     def score(self, action: Floats, lanes: Ints | None = None, started: bool = False) -> None:
         """Score the lanes [n] (None: all), which have taken `action` [L, 2] or have just begun an episode."""
-        simulation, world = self.simulation, self.simulation.world
         if lanes is None:
             lanes = self._all
         if started:
             self.before[lanes] = 0.0
-        simulation.meters[0].measure(
-            simulation.estimators[0].belief, world.pose, world.target if world.has_target else None, *self._map,
-            target_heading=world.target_heading, lanes=lanes,
-        )  # fmt: skip
-        self.complete = _score(
-            lanes, started, self._metrics, world.floats, world.integers, world.flags, action, self.before, self.border,
-            self.settings, self.weights, self.values, self.flags, self.reward, self.ended,
-        )  # fmt: skip
+        self._measure(lanes)
+        self.complete = self._score(lanes, started, action)
 
     def get_state(self) -> dict[str, Any]:
         """Scores and what they are counted from, as copies."""

@@ -1,0 +1,60 @@
+"""A bound kernel does what the kernel does, to the arrays it was bound to, also after copies."""
+
+import copy
+import pickle
+
+import numpy as np
+import pytest
+
+from estimators.gaussian.ekf import predict
+from estimators.kernels.bound import LATER, bind
+from estimators.kernels.jit import jit
+from estimators.models import MODEL, MotionModel, SensorModel, pack_models
+
+
+@jit
+def mix(out, model, table, flags, whole, factor, yes, lanes):
+    """Every kind of argument, each of which counts."""
+    for i in range(lanes.size):
+        lane = lanes[i]
+        out[lane] += factor * table[lane, 1, 2] + whole * model[lane].bearing_std + (0.5 if yes else 0.25)
+        if flags[lane]:
+            out[lane] += table.shape[0] + 10 * table.shape[1] + 100 * table.shape[2]
+    return out[0] > 0.0
+
+
+@pytest.fixture
+def arguments():
+    models = np.empty(2, dtype=MODEL)
+    models[:] = pack_models(MotionModel(), SensorModel(), None)
+    return np.zeros(2), models, np.arange(24.0).reshape(2, 3, 4), np.array([True, False]), 3, 0.1, True
+
+
+def test_equals_the_plain_call(arguments):
+    out, *rest = arguments
+    plain, lanes = np.zeros(2), np.arange(2)
+    bound = bind(mix, out, *rest, LATER)
+    for _ in range(3):
+        assert bound(lanes) == mix(plain, *rest, lanes)
+    np.testing.assert_array_equal(out, plain)
+    assert out[0] > 300.0
+
+
+@pytest.mark.parametrize("duplicate", [copy.deepcopy, lambda held: pickle.loads(pickle.dumps(held))])
+def test_a_copy_is_bound_to_the_copied_arrays(arguments, duplicate):
+    out, *rest = arguments
+    held = {"out": out, "call": bind(mix, out, *rest, LATER)}
+    other = duplicate(held)
+    other["call"](np.arange(2))
+    assert out[0] == 0.0
+    assert other["out"][0] != 0.0
+
+
+def test_refuses_an_array_with_gaps(arguments):
+    out, models, table, *rest = arguments
+    with pytest.raises(ValueError, match="contiguous"):
+        bind(mix, out, models, table[:, :, ::2], *rest, LATER)
+
+
+def test_the_name_tells_kernels_apart():
+    assert "predict" in bind(predict, *([LATER] * 11)).func.__name__
