@@ -4,11 +4,12 @@ import numpy as np
 
 from estimators.gaussian.ekf import observe, predict
 from estimators.gaussian.growth import start_target
-from estimators.gaussian.layout import GaussianEstimator
+from estimators.gaussian.layout import Call, GaussianEstimator
 from estimators.gaussian.sweep import associate, limit_of, note
-from estimators.interface import Floats, Ints, Scan
+from estimators.interface import Floats, Scan
 from estimators.kernels.angles import wrap
 from estimators.kernels.association import TARGET_SLOT
+from estimators.kernels.bound import LATER
 from estimators.kernels.gaussian import ROBOT, rows_in_use
 from estimators.kernels.jit import inline, jit
 from estimators.kernels.range_bearing import noise_std, offset, offset_noise
@@ -93,15 +94,15 @@ class DeadReckoning(GaussianEstimator):
         super()._allocate()
         self.kept: Floats = np.zeros((ROBOT + 1, ROBOT))  # scratch
 
-    def _predict(self, control: Floats, dt: Floats, lanes: Ints) -> None:
-        predict(
-            self.mu, self.P, self.models, self.n_t, self.count, self.target_known, self.pending, control, dt,
-            self.last_dt, lanes,
+    def _prediction(self, control: Floats, dt: Floats) -> Call:
+        return (
+            predict, self.mu, self.P, self.models, self.n_t, self.count, self.target_known, self.pending, control, dt,
+            self.last_dt, LATER,
         )  # fmt: skip
 
-    def _update(self, scan: Scan, lanes: Ints) -> None:
-        update(
-            self.mu, self.P, self.work, self.models, self.n_t, self.count, self.ids, self.target_known, self.pending,
-            self.counters, scan.ranges, scan.bearings, scan.labels, scan.count, self.association_code, self.gates,
-            self.cost, self.slots, self.last_dt, lanes, self.kept,
+    def _correction(self, scan: Scan) -> Call:
+        return (
+            update, self.mu, self.P, self.work, self.models, self.n_t, self.count, self.ids, self.target_known,
+            self.pending, self.counters, scan.ranges, scan.bearings, scan.labels, scan.count, self.association_code,
+            self.gates, self.cost, self.slots, self.last_dt, LATER, self.kept,
         )  # fmt: skip

@@ -6,12 +6,15 @@ landmarks, `K` the width of a scan, `n_t` the size of the target's state (0 with
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
-from typing import Any, ClassVar, Self
+from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from estimators.models import MODEL, MotionModel, SensorModel, TargetModel, pack_models
+
+if TYPE_CHECKING:
+    from estimators.kernels.bound import Bound
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -49,6 +52,14 @@ class Scan:
             np.zeros(num_lanes, dtype=np.int64),
             np.ones(num_lanes, dtype=np.bool_),
         )
+
+
+class BoundCalls(NamedTuple):
+    """An estimator's kernels for arrays that stay (see `estimators.kernels.bound`); the first two take the lanes."""
+
+    predict: "Bound"
+    update: "Bound"
+    fill: "Bound"  # the belief's buffers, all of them
 
 
 @dataclass(frozen=True, slots=True)
@@ -152,6 +163,10 @@ class Belief:
     def mark_stale(self) -> None:
         """Called by the estimator whenever its state has changed."""
         self._core_stale = self._map_stale = True
+
+    def mark_fresh(self) -> None:
+        """Called by those who have filled `buffers` through `BoundCalls.fill`."""
+        self._core_stale = self._map_stale = False
 
     def refresh(self) -> None:
         """Bring `buffers` up to date, for those who read them there."""
@@ -269,6 +284,13 @@ class Estimator(ABC):
     @abstractmethod
     def update(self, scan: Scan, *, lanes: Ints | None = None) -> None:
         """Take in one sweep, in the lanes where it is due (arrays in `scan` span all L lanes)."""
+
+    def bound_calls(self, control: Floats, dt: Floats, scan: Scan) -> BoundCalls | None:
+        """The kernels that do what `predict` and `update` do with these very arrays; None: call the methods.
+
+        They leave the belief stale without saying so: `Belief.mark_stale`. control: [L, 2]; dt: [L].
+        """
+        return None
 
     @abstractmethod
     def _fill_core(self, buffers: dict[str, Any]) -> None:

@@ -3,6 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
+from estimators.kernels.bound import Bound, bind
 from estimators.kernels.jit import jit
 from estimators.registry import unknown_name
 from slam_gym.scenario import Scenario
@@ -67,6 +68,10 @@ class ActionMap:
         self.turn_max = middle(robot.steering_max if bicycle else robot.turn_max)
         self.wheel_track = middle(robot.wheel_track)
         self._numbers = (kind == "wheels", self.speed_min, self.speed_max, self.turn_max, self.wheel_track)
+
+    def bound(self, action: Floats, command: Floats) -> Bound:
+        """`fill` of ever the same arrays."""
+        return bind(_to_command, action, *self._numbers, command)
 
     def fill(self, action: Floats, command: Floats) -> bool:
         """Write the commands [L, 2] of actions [L, 2], cut to [-1, 1]; False where one is not a finite number."""

@@ -6,14 +6,13 @@ the chi-square bounds, divergence) is in `slam_gym.consistency`, landmarks witho
 names of both are importable from here too.
 """
 
-from collections.abc import Callable
 from operator import itemgetter
 
 import numpy as np
 from numpy.typing import NDArray
 
 from estimators.interface import Belief
-from estimators.kernels.bound import LATER, bind
+from estimators.kernels.bound import LATER, Bound, bind, chain
 from slam_gym.assignment import LANDMARK_GATE, gospa, match_landmarks
 from slam_gym.consistency import anees, diverged, in95_mean, in95_run, nees, nees_bounds, nis
 from slam_gym.metrics_kernels import COORDINATES, METRIC, measure, measure_map
@@ -124,8 +123,8 @@ class Meter:
         world_landmarks: Floats | None,
         landmark_count: Ints | None,
         target_heading: Floats,
-    ) -> Callable[[Ints], None]:
-        """`measure` of ever the same arrays with labels, as a quick function of the lanes; arguments as there."""
+    ) -> Bound:
+        """`measure` of ever the same arrays with labels, for the lanes to be given; the belief must be fresh."""
         if belief.target_names != self._names:
             self._learn(belief.target_names)
         core = bind(
@@ -133,20 +132,13 @@ class Meter:
             self._no_target if world_target is None else world_target, target_heading,
             self._codes, self._truth, self._work, self._values,
         )  # fmt: skip
-        marks = None
-        if world_landmarks is not None:
-            marks = bind(
-                measure_map, LATER, *_MAP(belief.buffers), belief.buffers["landmark_id"], world_landmarks,
-                landmark_count, self._values,
-            )  # fmt: skip
-
-        def call(lanes: Ints) -> None:
-            belief.refresh()
-            core(lanes)
-            if marks is not None:
-                marks(lanes)
-
-        return call
+        if world_landmarks is None:
+            return core
+        marks = bind(
+            measure_map, LATER, *_MAP(belief.buffers), belief.buffers["landmark_id"], world_landmarks, landmark_count,
+            self._values,
+        )  # fmt: skip
+        return chain(core, marks)
 
     def _match_lanes(self, belief: Belief, landmarks: Floats, count: Ints, lanes: Ints) -> Ints:
         for lane in lanes:

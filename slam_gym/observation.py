@@ -33,7 +33,7 @@ from gymnasium import spaces
 from numpy.typing import NDArray
 
 from estimators.interface import Belief
-from estimators.kernels.bound import LATER, bind
+from estimators.kernels.bound import Bound, bind
 from estimators.kernels.jit import inline, jit
 from slam_gym.scenario import Scenario
 from slam_gym.scenario_fields import low_high, middle
@@ -228,6 +228,7 @@ class Observer:
         size: n, of the flat row.
         low, high: [n] float32, bounds.
         border: [L, 2] half the arena's width and height [m], as known to the policy.
+        out: [L, n] float32, the last observation.
 
     Raises:
         ValueError: numbers that are not whole or out of reach.
@@ -254,6 +255,7 @@ class Observer:
             scenario.dt * scenario.sensor_period, scenario.dt, scenario.has_target,
         ])  # fmt: skip
         self._points, self._nearest = equally_probable_points(), np.zeros((2, K))
+        self.out: NDArray[np.float32] = np.zeros((num_lanes, self.size), dtype=np.float32)
         self._belief: Belief | None = None  # with the world, what `_fill` is bound to
         self._world: World | None = None
         self._fill: Callable[..., None] = _observe
@@ -279,14 +281,16 @@ class Observer:
         """[L, n] a fresh array. Of the world only sweeps' ages and odometry are read, which the robot is told."""
         belief.refresh()
         if belief is not self._belief or world is not self._world:
-            self._belief, self._world = belief, world
-            self._fill = bind(
-                _observe, *_BELIEF(belief.buffers), world.floats, world.integers, self.border, self.settings,
-                self._points, self._nearest, self.sectors, LATER,
-            )  # fmt: skip
-        out = np.empty((self.num_lanes, self.size), dtype=np.float32)
-        self._fill(out)
-        return out
+            self._belief, self._world, self._fill = belief, world, self.bound(belief, world)
+        self._fill()
+        return self.out.copy()
+
+    def bound(self, belief: Belief, world: World) -> Bound:
+        """The kernel that fills `out` from a fresh belief."""
+        return bind(
+            _observe, *_BELIEF(belief.buffers), world.floats, world.integers, self.border, self.settings, self._points,
+            self._nearest, self.sectors, self.out,
+        )  # fmt: skip
 
     def split(self, flat: NDArray[np.float32]) -> dict[str, NDArray[np.float32]]:
         """Blocks by name of flat rows [..., n], as contiguous copies."""

@@ -30,6 +30,8 @@ class Simulation:
 
     Attributes:
         world, estimators, meters: one meter per estimator; names [E], of the estimators.
+        is_plain: nobody is timed, nobody is told the truth.
+        bound: [E] their kernels for this world's arrays; None where an estimator has none.
         predict_seconds, update_seconds: [E] with `timed`; predict_calls, update_calls: [E] lane-calls they cover.
 
     Raises:
@@ -51,8 +53,10 @@ class Simulation:
         self.names = [name for name, _ in estimators]
         self.estimators = [self._build(name, options, allow_truth) for name, options in estimators]
         self.meters = [Meter(num_lanes, e.max_landmarks) for e in self.estimators]
-        self._plain = not timed and not any(isinstance(e, TruthAware) for e in self.estimators)
+        self.is_plain = not timed and not any(isinstance(e, TruthAware) for e in self.estimators)
         self._period = int(scenario.sensor_period)
+        odometry, steps = self.world.odometry, np.full(self.num_lanes, self.dt)
+        self.bound = [e.bound_calls(odometry, steps, self.world.scan) for e in self.estimators]
         self._altered = np.zeros(self.num_lanes, dtype=np.bool_)  # lanes whose models reset options have changed
         count = len(self.estimators)
         self.predict_seconds, self.update_seconds = np.zeros(count), np.zeros(count)
@@ -106,17 +110,34 @@ class Simulation:
             lanes: [n] which lanes; None: all.
         """
         world = self.world
-        if not self._plain:
+        if not self.is_plain:
             self._advance_watched(command, lanes)
             return
         world.step(command, lanes)
-        due = self._due(lanes)
-        for estimator in self.estimators:
-            estimator.predict(world.odometry, self.dt, lanes=lanes)
+        due = self.due(lanes)
+        for e in range(len(self.estimators)):
+            self._predict(e, lanes)
             if due is not None:
-                estimator.update(world.scan, lanes=due if len(due) < self.num_lanes else None)
+                self.update(e, due)
 
-    def _due(self, lanes: Ints | None) -> Ints | None:
+    def _predict(self, e: int, lanes: Ints | None) -> None:
+        estimator, bound = self.estimators[e], self.bound[e]
+        if bound is None:
+            estimator.predict(self.world.odometry, self.dt, lanes=lanes)
+        else:
+            bound.predict(self.world.lanes if lanes is None else lanes)
+            estimator.belief.mark_stale()
+
+    def update(self, e: int, due: Ints) -> None:
+        """Estimator number e takes in the sweeps of the lanes that have a fresh one."""
+        estimator, bound = self.estimators[e], self.bound[e]
+        if bound is None:
+            estimator.update(self.world.scan, lanes=due if len(due) < self.num_lanes else None)
+        else:
+            bound.update(due)
+            estimator.belief.mark_stale()
+
+    def due(self, lanes: Ints | None) -> Ints | None:
         """The lanes with a fresh sweep; None: there are none."""
         world = self.world
         if self._period == 1:
@@ -130,16 +151,16 @@ class Simulation:
         for estimator in self.estimators:
             self._tell(estimator)
         world.step(command, lanes)
-        due = self._due(lanes)
+        due = self.due(lanes)
         for e, estimator in enumerate(self.estimators):
             self._tell(estimator)
             began = perf_counter()
-            estimator.predict(world.odometry, self.dt, lanes=lanes)
+            self._predict(e, lanes)
             moved = perf_counter()
             self.predict_seconds[e] += moved - began
             self.predict_calls[e] += self.num_lanes if lanes is None else len(lanes)
             if due is not None:
-                estimator.update(world.scan, lanes=due if len(due) < self.num_lanes else None)
+                self.update(e, due)
                 self.update_seconds[e] += perf_counter() - moved
                 self.update_calls[e] += len(due)
 

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from estimators.interface import Scan
-from estimators.kernels.bound import LATER, bind
+from estimators.kernels.bound import LATER, Bound, bind
 from estimators.kernels.random import lane_key
 from estimators.models import MotionModel, SensorModel, TargetModel
 from slam_gym.scenario import Scenario
@@ -173,6 +173,10 @@ class World:
             self._share(command, lanes)
         else:
             self._step(lanes, command)
+
+    def bound_step(self, command: Floats) -> Bound:
+        """The kernel of `step` for ever the same array of commands, on one thread; it takes the lanes."""
+        return bind(step, LATER, command, *self._arguments)
 
     def _share(self, command: Floats, lanes: Ints) -> None:
         """Every thread takes a run of lanes; they touch nothing in common."""

@@ -1,16 +1,16 @@
 """The extended Kalman filter over robot, target and landmarks: kernels first, the class below them."""
 
 import math
-from typing import Any, ClassVar
+from typing import ClassVar
 
 from estimators.gaussian.growth import advance_pending, grow
-from estimators.gaussian.layout import GaussianEstimator
+from estimators.gaussian.layout import Call, GaussianEstimator
 from estimators.gaussian.sweep import UNLIKELY, UNUSABLE, USED, associate, limit_of, note
-from estimators.interface import Floats, Ints, Scan
+from estimators.interface import Floats, Scan
 from estimators.kernels.angles import wrap
 from estimators.kernels.association import NEAREST, TARGET_SLOT
 from estimators.kernels.borrow import borrow
-from estimators.kernels.bound import LATER, Bound, bind
+from estimators.kernels.bound import LATER
 from estimators.kernels.gaussian import (
     ROBOT,
     downdate,
@@ -178,29 +178,15 @@ class EKF(GaussianEstimator):
     name: ClassVar[str] = "ekf"
     summary: ClassVar[str] = "joint extended Kalman filter of robot, target and landmarks"
 
-    def _allocate(self) -> None:
-        super()._allocate()
-        self._move = bind(
-            predict, self.mu, self.P, self.models, self.n_t, self.count, self.target_known, self.pending, LATER, LATER,
+    def _prediction(self, control: Floats, dt: Floats) -> Call:
+        return (
+            predict, self.mu, self.P, self.models, self.n_t, self.count, self.target_known, self.pending, control, dt,
             self.last_dt, LATER,
         )  # fmt: skip
-        self._take: Bound | None = None
 
-    def _predict(self, control: Floats, dt: Floats, lanes: Ints) -> None:
-        self._move(control, dt, lanes)
-
-    def _update(self, scan: Scan, lanes: Ints) -> None:
-        if not self._same_arrays(scan):
-            self._take = None
-            update(*self._arguments(scan), lanes)
-            return
-        if self._take is None:
-            self._take = bind(update, *self._arguments(scan), LATER)
-        self._take(lanes)
-
-    def _arguments(self, scan: Scan) -> tuple[Any, ...]:
+    def _correction(self, scan: Scan) -> Call:
         return (
-            self.mu, self.P, self.models, self.n_t, self.count, self.ids, self.first, self.next_id, self.target_known,
-            self.pending, self.counters, self.last_dt, scan.ranges, scan.bearings, scan.labels, scan.count,
-            self.association_code, self.gates, self.slots, self.cost, self.work,
+            update, self.mu, self.P, self.models, self.n_t, self.count, self.ids, self.first, self.next_id,
+            self.target_known, self.pending, self.counters, self.last_dt, scan.ranges, scan.bearings, scan.labels,
+            scan.count, self.association_code, self.gates, self.slots, self.cost, self.work, LATER,
         )  # fmt: skip

@@ -10,11 +10,12 @@ from typing import ClassVar
 
 from estimators.gaussian.anchor import A_T, ROUGH_NIS, STALE, TORN, has_shifted, linear_point, renew
 from estimators.gaussian.growth import advance_pending, grow
-from estimators.gaussian.layout import GaussianEstimator
+from estimators.gaussian.layout import Call, GaussianEstimator
 from estimators.gaussian.sweep import UNLIKELY, UNUSABLE, USED, associate, limit_of, note
 from estimators.interface import Floats, Ints, Scan
 from estimators.kernels.angles import wrap
 from estimators.kernels.association import NEAREST, TARGET_SLOT
+from estimators.kernels.bound import LATER
 from estimators.kernels.gaussian import (
     ROBOT,
     downdate,
@@ -234,15 +235,15 @@ class FEJEKF(GaussianEstimator):
     def _state_names(self) -> tuple[str, ...]:
         return (*super()._state_names, "anchor")
 
-    def _predict(self, control: Floats, dt: Floats, lanes: Ints) -> None:
-        predict(
-            self.mu, self.P, self.models, self.n_t, self.count, self.anchor, self.target_known, self.pending, control,
-            dt, self.last_dt, lanes,
+    def _prediction(self, control: Floats, dt: Floats) -> Call:
+        return (
+            predict, self.mu, self.P, self.models, self.n_t, self.count, self.anchor, self.target_known, self.pending,
+            control, dt, self.last_dt, LATER,
         )  # fmt: skip
 
-    def _update(self, scan: Scan, lanes: Ints) -> None:
-        update(
-            self.mu, self.P, self.models, self.n_t, self.count, self.ids, self.first, self.next_id, self.anchor,
+    def _correction(self, scan: Scan) -> Call:
+        return (
+            update, self.mu, self.P, self.models, self.n_t, self.count, self.ids, self.first, self.next_id, self.anchor,
             self.target_known, self.pending, self.counters, self.last_dt, scan.ranges, scan.bearings, scan.labels,
-            scan.count, self.association_code, self.gates, self.slots, self.cost, self.work, lanes,
+            scan.count, self.association_code, self.gates, self.slots, self.cost, self.work, LATER,
         )  # fmt: skip

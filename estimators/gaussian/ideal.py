@@ -6,11 +6,12 @@ from typing import ClassVar
 import numpy as np
 
 from estimators.gaussian.growth import admits, advance_pending, enter
-from estimators.gaussian.layout import GaussianEstimator
+from estimators.gaussian.layout import Call, GaussianEstimator
 from estimators.gaussian.sweep import UNLIKELY, UNUSABLE, USED, associate, limit_of, note
-from estimators.interface import Floats, Ints, Scan, TruthAware
+from estimators.interface import BoundCalls, Floats, Ints, Scan, TruthAware
 from estimators.kernels.angles import wrap
 from estimators.kernels.association import NEAREST, TARGET_SLOT
+from estimators.kernels.bound import LATER
 from estimators.kernels.gaussian import (
     ROBOT,
     downdate,
@@ -220,6 +221,10 @@ class IdealEKF(GaussianEstimator, TruthAware):
         self.true_target[...] = target
         self.landmarks = np.ascontiguousarray(landmarks, dtype=np.float64)
 
+    def bound_calls(self, control: Floats, dt: Floats, scan: Scan) -> BoundCalls | None:
+        """None: the truth comes in arrays that change."""
+        return None
+
     @property
     def _state_names(self) -> tuple[str, ...]:
         return (*super()._state_names, "past_pose", "past_target")
@@ -229,18 +234,18 @@ class IdealEKF(GaussianEstimator, TruthAware):
             raise ValueError("ideal-ekf needs the truth: call set_truth before every predict and update")
         return self.landmarks
 
-    def _predict(self, control: Floats, dt: Floats, lanes: Ints) -> None:
+    def _prediction(self, control: Floats, dt: Floats) -> Call:
         self._truth()
-        predict(
-            self.mu, self.P, self.models, self.n_t, self.count, self.target_known, self.pending, control, dt,
-            self.last_dt, lanes, self.true_pose, self.past_pose, self.true_target, self.past_target,
+        return (
+            predict, self.mu, self.P, self.models, self.n_t, self.count, self.target_known, self.pending, control, dt,
+            self.last_dt, LATER, self.true_pose, self.past_pose, self.true_target, self.past_target,
         )  # fmt: skip
 
-    def _update(self, scan: Scan, lanes: Ints) -> None:
+    def _correction(self, scan: Scan) -> Call:
         landmarks = self._truth()
-        update(
-            self.mu, self.P, self.models, self.n_t, self.count, self.ids, self.first, self.next_id, self.target_known,
-            self.pending, self.counters, self.last_dt, scan.ranges, scan.bearings, scan.labels, scan.count,
-            self.association_code, self.gates, self.slots, self.cost, self.work, lanes, self.true_pose,
+        return (
+            update, self.mu, self.P, self.models, self.n_t, self.count, self.ids, self.first, self.next_id,
+            self.target_known, self.pending, self.counters, self.last_dt, scan.ranges, scan.bearings, scan.labels,
+            scan.count, self.association_code, self.gates, self.slots, self.cost, self.work, LATER, self.true_pose,
             self.true_target, landmarks,
         )  # fmt: skip

@@ -10,12 +10,13 @@ from typing import ClassVar
 
 from estimators.gaussian.ekf import predict
 from estimators.gaussian.growth import grow
-from estimators.gaussian.layout import GaussianEstimator
+from estimators.gaussian.layout import Call, GaussianEstimator
 from estimators.gaussian.sweep import UNLIKELY, UNUSABLE, USED, associate, limit_of, note
-from estimators.interface import Floats, Ints, Scan
+from estimators.interface import Floats, Scan
 from estimators.kernels.angles import wrap
 from estimators.kernels.association import NEAREST, TARGET_SLOT
 from estimators.kernels.borrow import borrow
+from estimators.kernels.bound import LATER
 from estimators.kernels.gaussian import ROBOT, downdate, innovation_cov, nis_and_log_det, rows_in_use, shear
 from estimators.kernels.jit import inline, jit
 from estimators.kernels.range_bearing import gradient, measure, noise_std
@@ -202,15 +203,15 @@ class RIEKF(GaussianEstimator):
     name: ClassVar[str] = "ri-ekf"
     summary: ClassVar[str] = "right-invariant EKF: consistent at an EKF's cost"
 
-    def _predict(self, control: Floats, dt: Floats, lanes: Ints) -> None:
-        predict(
-            self.mu, self.P, self.models, self.n_t, self.count, self.target_known, self.pending, control, dt,
-            self.last_dt, lanes,
+    def _prediction(self, control: Floats, dt: Floats) -> Call:
+        return (
+            predict, self.mu, self.P, self.models, self.n_t, self.count, self.target_known, self.pending, control, dt,
+            self.last_dt, LATER,
         )  # fmt: skip
 
-    def _update(self, scan: Scan, lanes: Ints) -> None:
-        update(
-            self.mu, self.P, self.models, self.n_t, self.count, self.ids, self.first, self.next_id, self.target_known,
-            self.pending, self.counters, self.last_dt, scan.ranges, scan.bearings, scan.labels, scan.count,
-            self.association_code, self.gates, self.slots, self.cost, self.work, lanes,
+    def _correction(self, scan: Scan) -> Call:
+        return (
+            update, self.mu, self.P, self.models, self.n_t, self.count, self.ids, self.first, self.next_id,
+            self.target_known, self.pending, self.counters, self.last_dt, scan.ranges, scan.bearings, scan.labels,
+            scan.count, self.association_code, self.gates, self.slots, self.cost, self.work, LATER,
         )  # fmt: skip

@@ -15,13 +15,14 @@ from typing import Any, ClassVar
 from estimators.gaussian.ekf import predict
 from estimators.gaussian.growth import grow
 from estimators.gaussian.invariant import CORRECTION, retract
-from estimators.gaussian.layout import GaussianEstimator
+from estimators.gaussian.layout import Call, GaussianEstimator
 from estimators.gaussian.sigma_point import GAUSSIAN_STEP
 from estimators.gaussian.sweep import UNLIKELY, UNUSABLE, USED, associate, limit_of, note
 from estimators.gaussian.taylor_net import fit_net, from_beam, root_of, seen, slopes, to_beam, turned
-from estimators.interface import Floats, Ints, Scan
+from estimators.interface import Floats, Scan
 from estimators.kernels.angles import wrap
 from estimators.kernels.association import NEAREST, TARGET_SLOT
+from estimators.kernels.bound import LATER
 from estimators.kernels.gaussian import ROBOT, downdate, nis_and_log_det, rows_in_use
 from estimators.kernels.jit import inline, jit
 from estimators.kernels.range_bearing import measure, noise_std
@@ -156,17 +157,17 @@ class _OverTheSpread(GaussianEstimator):
 
     h: float = NET
 
-    def _predict(self, control: Floats, dt: Floats, lanes: Ints) -> None:
-        predict(
-            self.mu, self.P, self.models, self.n_t, self.count, self.target_known, self.pending, control, dt,
-            self.last_dt, lanes,
+    def _prediction(self, control: Floats, dt: Floats) -> Call:
+        return (
+            predict, self.mu, self.P, self.models, self.n_t, self.count, self.target_known, self.pending, control, dt,
+            self.last_dt, LATER,
         )  # fmt: skip
 
-    def _update(self, scan: Scan, lanes: Ints) -> None:
-        update(
-            self.mu, self.P, self.models, self.n_t, self.count, self.ids, self.first, self.next_id, self.target_known,
-            self.pending, self.counters, self.last_dt, scan.ranges, scan.bearings, scan.labels, scan.count,
-            self.association_code, self.gates, self.slots, self.cost, self.work, lanes, self.h,
+    def _correction(self, scan: Scan) -> Call:
+        return (
+            update, self.mu, self.P, self.models, self.n_t, self.count, self.ids, self.first, self.next_id,
+            self.target_known, self.pending, self.counters, self.last_dt, scan.ranges, scan.bearings, scan.labels,
+            scan.count, self.association_code, self.gates, self.slots, self.cost, self.work, LATER, self.h,
         )  # fmt: skip
 
 

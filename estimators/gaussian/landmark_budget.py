@@ -13,11 +13,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from estimators.interface import Ints, Scan
+from estimators.kernels.bound import LATER
 from estimators.kernels.gaussian import remove_landmark
 from estimators.kernels.jit import inline, jit
 
 if TYPE_CHECKING:
-    from estimators.gaussian.layout import GaussianEstimator
+    from estimators.gaussian.layout import Call, GaussianEstimator
 
 WINDOW = 10  # m, sweeps that count
 MAX_WINDOW = 62  # one bit of an integer per sweep
@@ -56,12 +57,12 @@ class LandmarkBudget:
         for array in (self.seen, self.unseen, self.counters):
             array[lanes] = 0
 
-    def after_update(self, scan: Scan, lanes: Ints) -> None:
-        """Take note of a sweep, whose landmarks stand in the owner's `slots`, and drop what is too much."""
+    def keeping(self, scan: Scan) -> "Call":
+        """Takes note of a sweep, whose landmarks stand in the owner's `slots`, and drops what is too much."""
         own = self.owner
-        keep_within(
-            self.limit, self.window, self.seen, self.unseen, self.counters, own.mu, own.P, own.count, own.ids,
-            own.first, own.n_t, own.slots, scan.count, lanes,
+        return (
+            keep_within, self.limit, self.window, self.seen, self.unseen, self.counters, own.mu, own.P, own.count,
+            own.ids, own.first, own.n_t, own.slots, scan.count, LATER,
         )  # fmt: skip
 
     @property

@@ -1,6 +1,6 @@
 """The joint Gaussian over L lanes: its arrays, options and life; every filter of the family derives from it.
 
-A filter adds two kernels, `_predict` and `_update`. The state:
+A filter adds two kernels, `_prediction` and `_correction`. The state:
 
     mu [L, n_max], P [L, n_max, n_max]   robot (x, y, heading), target (n_t), landmark of slot j at 3 + n_t + 2 j;
                                          n_max = 3 + n_t + 2 M rounded up to a multiple of BLOCK; unused rows are zero
@@ -19,15 +19,18 @@ from numpy.typing import ArrayLike
 from estimators.gaussian.belief import fill_core, fill_map
 from estimators.gaussian.sweep import COUNTERS
 from estimators.gaussian.vague_target import forget_vague
-from estimators.interface import Belief, Estimator, Floats, Ints, Scan
+from estimators.interface import Belief, BoundCalls, Estimator, Floats, Ints, Scan
 from estimators.kernels.association import KNOWN, NEAREST
-from estimators.kernels.bound import bind
+from estimators.kernels.bound import LATER, bind, chain
 from estimators.kernels.gaussian import BLOCK, ROBOT
 from estimators.kernels.simd import aligned_zeros
 from estimators.models import MotionModel, SensorModel, TargetModel
 
 MATCH_GATE = 9.21  # chi-square, 2 dof, 99 %
 NEW_GATE = 25.0  # NIS beyond which an unlabelled return is a landmark of its own
+Call = tuple[Any, ...]
+"""A kernel and its arguments, `LATER` in the place of the lanes."""
+
 _ASSOCIATIONS = {"known": KNOWN, "nearest": NEAREST}
 _STATE = ("mu", "P", "count", "ids", "first", "next_id", "target_known", "pending", "counters", "last_dt", "models")
 
@@ -93,11 +96,9 @@ class GaussianEstimator(Estimator):
         self.cost: Floats = np.zeros((0, M + 1))  # scratch
         self._dt: Floats = np.zeros(L)
         self._control_shape = (L, 2)
-        self._note_models()
         core, marks = ([self.belief.buffers[name] for name in names] for names in (Belief._CORE, Belief._MAP))
         self._core = bind(fill_core, self.mu, self.P, self.models, self.target_known, *core)
         self._map = bind(fill_map, self.mu, self.P, self.n_t, self.count, self.ids, *marks)
-        self._scan: tuple[Any, ...] = (None,) * 4  # the arrays of the last scan
 
     def _make_budget(self, budget: int | None) -> Any:
         if budget is None:
@@ -136,15 +137,6 @@ class GaussianEstimator(Estimator):
         self._after_reset(chosen)
         self.belief.mark_stale()
 
-    def set_models(self, lane: int, motion: MotionModel, sensor: SensorModel, target: TargetModel | None) -> None:
-        """See `Estimator.set_models`."""
-        super().set_models(lane, motion, sensor, target)
-        self._note_models()
-
-    def _note_models(self) -> None:
-        """What a call would otherwise ask of the models each time."""
-        self._may_be_vague = self.n_t > 0 and bool(np.isfinite(self.models["reinitialise_spread"]).any())
-
     def _after_reset(self, lanes: Ints) -> None:
         """A filter's own state, after the common part was reset."""
 
@@ -158,22 +150,24 @@ class GaussianEstimator(Estimator):
             step = self._dt
         else:
             step = np.array(np.broadcast_to(np.asarray(dt, dtype=np.float64), (self.num_lanes,)))
-        self._predict(control, step, self.all_lanes if lanes is None else lanes)
+        _run(self._prediction(control, step), self.all_lanes if lanes is None else lanes)
         self.belief.mark_stale()
 
     def update(self, scan: Scan, *, lanes: Ints | None = None) -> None:
         """See `Estimator.update`."""
         self.make_room(scan.ranges.shape[1])
-        chosen = self.all_lanes if lanes is None else lanes
-        if self._may_be_vague:
-            forget_vague(
-                self.mu, self.P, self.models, self.n_t, self.count, self.target_known, self.pending, self.counters,
-                scan.ranges, scan.labels, scan.count, chosen,
-            )  # fmt: skip
-        self._update(scan, chosen)
-        if self.budget is not None:
-            self.budget.after_update(scan, chosen)
+        for call in self._corrections(scan):
+            _run(call, self.all_lanes if lanes is None else lanes)
         self.belief.mark_stale()
+
+    def bound_calls(self, control: Floats, dt: Floats, scan: Scan) -> BoundCalls | None:
+        """See `Estimator.bound_calls`."""
+        self.make_room(scan.ranges.shape[1])
+        return BoundCalls(
+            bind(*self._prediction(control, dt)),
+            chain(*(bind(*call) for call in self._corrections(scan))),
+            chain(self._core, self._map),
+        )
 
     def make_room(self, width: int) -> None:
         """Give the scratch of an association room for sweeps of that width."""
@@ -181,21 +175,24 @@ class GaussianEstimator(Estimator):
             self.slots = np.zeros((self.num_lanes, width), dtype=np.int64)
             self.cost = np.zeros((width, self.max_landmarks + 1))
 
-    def _same_arrays(self, scan: Scan) -> bool:
-        """Whether the scan's arrays are the last one's, so that a kernel bound to them fits; remembers them."""
-        ranges, bearings, labels, count = self._scan
-        if scan.ranges is ranges and scan.bearings is bearings and scan.labels is labels and scan.count is count:
-            return True
-        arrays = scan.ranges, scan.bearings, scan.labels, scan.count
-        contiguous = all(array.flags.c_contiguous for array in arrays)
-        self._scan = arrays if contiguous else (None,) * 4
-        return False
+    def _corrections(self, scan: Scan) -> list[Call]:
+        """What an update consists of, in order."""
+        calls = [self._correction(scan)]
+        if self.n_t > 0:
+            vague = (
+                forget_vague, self.mu, self.P, self.models, self.n_t, self.count, self.target_known, self.pending,
+                self.counters, scan.ranges, scan.labels, scan.count, LATER,
+            )  # fmt: skip
+            calls.insert(0, vague)
+        if self.budget is not None:
+            calls.append(self.budget.keeping(scan))
+        return calls
 
-    def _predict(self, control: Floats, dt: Floats, lanes: Ints) -> None:
+    def _prediction(self, control: Floats, dt: Floats) -> Call:
         """The filter's prediction. control: [L, 2], dt: [L]."""
         raise NotImplementedError
 
-    def _update(self, scan: Scan, lanes: Ints) -> None:
+    def _correction(self, scan: Scan) -> Call:
         """The filter's update; leaves each return's slot in `slots`."""
         raise NotImplementedError
 
@@ -236,5 +233,9 @@ class GaussianEstimator(Estimator):
             getattr(self, name)[...] = state[name]
         if self.budget is not None:
             self.budget.set_state(state["budget"])
-        self._note_models()
         self.belief.mark_stale()
+
+
+def _run(call: Call, lanes: Ints) -> None:
+    kernel, *arguments = call
+    kernel(*(lanes if argument is LATER else argument for argument in arguments))

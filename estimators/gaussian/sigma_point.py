@@ -17,7 +17,7 @@ from estimators.gaussian.interpolation import (
     move_body,
     spread_return,
 )
-from estimators.gaussian.layout import GaussianEstimator
+from estimators.gaussian.layout import Call, GaussianEstimator
 from estimators.gaussian.sweep import (
     DROPPED_RETURN,
     OVERFLOW,
@@ -28,9 +28,10 @@ from estimators.gaussian.sweep import (
     limit_of,
     note,
 )
-from estimators.interface import Floats, Ints, Scan
+from estimators.interface import Floats, Scan
 from estimators.kernels.angles import wrap
 from estimators.kernels.association import NEAREST, NEW, TARGET_SLOT, slot_of
+from estimators.kernels.bound import LATER
 from estimators.kernels.gaussian import ROBOT, drift_velocity, nis_and_log_det, rows_in_use
 from estimators.kernels.jit import inline, jit
 from estimators.kernels.motion import calibrated, control_std
@@ -197,17 +198,17 @@ class SigmaPointFilter(GaussianEstimator):
         self.rule: Floats = np.zeros(3)
         self.scratch: Floats = np.zeros((4, 5, 5))
 
-    def _predict(self, control: Floats, dt: Floats, lanes: Ints) -> None:
-        predict(
-            self.mu, self.P, self.models, self.n_t, self.count, self.target_known, self.pending, control, dt,
-            self.last_dt, lanes, self.rule, self.scratch,
+    def _prediction(self, control: Floats, dt: Floats) -> Call:
+        return (
+            predict, self.mu, self.P, self.models, self.n_t, self.count, self.target_known, self.pending, control, dt,
+            self.last_dt, LATER, self.rule, self.scratch,
         )  # fmt: skip
 
-    def _update(self, scan: Scan, lanes: Ints) -> None:
-        update(
-            self.mu, self.P, self.work, self.models, self.n_t, self.count, self.ids, self.first, self.next_id,
+    def _correction(self, scan: Scan) -> Call:
+        return (
+            update, self.mu, self.P, self.work, self.models, self.n_t, self.count, self.ids, self.first, self.next_id,
             self.target_known, self.pending, self.counters, scan.ranges, scan.bearings, scan.labels, scan.count,
-            self.association_code, self.gates, self.cost, self.slots, self.last_dt, lanes, self.rule, self.scratch,
+            self.association_code, self.gates, self.cost, self.slots, self.last_dt, LATER, self.rule, self.scratch,
         )  # fmt: skip
 
 

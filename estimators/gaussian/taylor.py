@@ -15,11 +15,13 @@ from typing import ClassVar
 from estimators.gaussian.anchor import A_T, ROUGH_NIS, STALE, TORN, has_shifted, linear_point, renew
 from estimators.gaussian.fej import FEJEKF, anchor_target
 from estimators.gaussian.growth import grow
+from estimators.gaussian.layout import Call
 from estimators.gaussian.sweep import UNLIKELY, UNUSABLE, USED, associate, limit_of, note
 from estimators.gaussian.taylor_net import fit_net, from_beam, root_of, to_beam
-from estimators.interface import Ints, Scan
+from estimators.interface import Scan
 from estimators.kernels.angles import wrap
 from estimators.kernels.association import NEAREST, TARGET_SLOT
+from estimators.kernels.bound import LATER
 from estimators.kernels.gaussian import ROBOT, downdate, nis_and_log_det, rows_in_use
 from estimators.kernels.jit import inline, jit
 from estimators.kernels.range_bearing import measure, noise_std
@@ -168,9 +170,9 @@ class TaylorEKF(FEJEKF):
     name: ClassVar[str] = "taylor-ekf"
     summary: ClassVar[str] = "FEJ-EKF with a Taylor net: slopes and noise over the whole spread of a return"
 
-    def _update(self, scan: Scan, lanes: Ints) -> None:
-        update(
-            self.mu, self.P, self.models, self.n_t, self.count, self.ids, self.first, self.next_id, self.anchor,
+    def _correction(self, scan: Scan) -> Call:
+        return (
+            update, self.mu, self.P, self.models, self.n_t, self.count, self.ids, self.first, self.next_id, self.anchor,
             self.target_known, self.pending, self.counters, self.last_dt, scan.ranges, scan.bearings, scan.labels,
-            scan.count, self.association_code, self.gates, self.slots, self.cost, self.work, lanes,
+            scan.count, self.association_code, self.gates, self.slots, self.cost, self.work, LATER,
         )  # fmt: skip

@@ -22,8 +22,9 @@ from numba.core import caching
 # Without "afn", "nnan" and "ninf": those let the compiler delete the checks for NaN and infinity.
 FASTMATH = {"contract", "reassoc", "nsz", "arcp"}
 # error_model="numpy": Python's division check would stop vectorisation (6x on an inner loop).
+# no_cfunc_wrapper: nobody calls kernels from C, and compiling that door takes an eighth of the time.
 # boundscheck/parallel stay off: OpenMP kills forked children, and Gymnasium's AsyncVectorEnv forks.
-OPTIONS: dict[str, Any] = {"error_model": "numpy", "nogil": True, "fastmath": FASTMATH}
+OPTIONS: dict[str, Any] = {"error_model": "numpy", "nogil": True, "fastmath": FASTMATH, "no_cfunc_wrapper": True}
 
 PROJECT_PACKAGES = ("estimators", "slam_gym", "agents")
 _IMPORT = re.compile(r"^\s*(?:from\s+([\w.]+)\s+import\s+\(?([^)\n]*)|import\s+([\w.]+))", re.MULTILINE)

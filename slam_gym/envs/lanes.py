@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from estimators.kernels.bound import chain
 from estimators.registry import unknown_name
 from slam_gym import reward
 from slam_gym.actions import ActionMap
@@ -77,11 +78,13 @@ class Lanes:
         self.action_map = ActionMap(self.scenario, action)
         self.observer = Observer(self.scenario, num_lanes, nearest_landmarks, sectors)
         self.simulation = Simulation(self.scenario, [(estimator, options)], num_lanes, threads, allow_truth=allow_truth)
-        self.scorer = Scorer(self.scenario, self.simulation, weights, ending, self.observer.border)
         self.max_steps, self.hold = int(self.scenario.max_steps), int(self.scenario.hold)
         self.action: Floats = np.zeros((num_lanes, 2))
         self._command: Floats = np.zeros((num_lanes, 2))
         self._all = np.arange(num_lanes)
+        border = self.observer.border
+        self.scorer = Scorer(self.scenario, self.simulation, weights, ending, border, self.action)
+        self._bind()
 
     def reset(self, seeds: Ints | None, lanes: Ints | None = None, options: Mapping[str, Any] | None = None) -> None:
         """Begin an episode in the named lanes (None: all), and score them; seeds None: the next of the same seeds."""
@@ -90,7 +93,8 @@ class Lanes:
         numbers = self.simulation.world.numbers[chosen]
         self.observer.border[chosen, 0] = 0.5 * numbers["arena_width"]
         self.observer.border[chosen, 1] = 0.5 * numbers["arena_height"]
-        self.scorer.score(self.action, lanes, started=True)
+        self.scorer.begin(chosen)
+        self._look(chosen)
 
     def step(self, lanes: Ints | None = None) -> None:
         """Carry out `action` for `hold` simulation steps in the named lanes (None: all), and score them.
@@ -98,23 +102,54 @@ class Lanes:
         Raises:
             ValueError: an action that is no finite number.
         """
-        if not self.action_map.fill(self.action, self._command):
-            raise ValueError(f"actions must be finite numbers in [-1, 1]; got {self.action.tolist()}")
-        self.simulation.advance(self._command, lanes)
-        for _ in range(1, self.hold):
-            self._go_on(lanes)
-        self.scorer.score(self.action, lanes)
-
-    def _go_on(self, lanes: Ints | None) -> None:
-        """Another simulation step of the same action, where the episode's steps are not used up."""
         chosen = self._all if lanes is None else lanes
-        going = chosen[self.simulation.world.step_count[chosen] < self.max_steps]
-        if len(going):
-            self.simulation.advance(self._command, None if len(going) == self.num_lanes else going)
+        if not self._advance(chosen):
+            raise ValueError(f"actions must be finite numbers in [-1, 1]; got {self.action.tolist()}")
+        for _ in range(1, self.hold):
+            going = chosen[self.simulation.world.step_count[chosen] < self.max_steps]
+            if len(going):
+                self._advance(going)
+        self._look(chosen)
+
+    def _bind(self) -> None:
+        """One compiled call for all that happens between action and belief, and one from belief to observation."""
+        simulation = self.simulation
+        world, bound = simulation.world, simulation.bound[0]
+        self._belief = simulation.estimators[0].belief
+        self._command_of = self.action_map.bound(self.action, self._command)
+        self._move, self._senses_always = None, self.scenario.sensor_period == 1
+        if bound is not None and simulation.is_plain and world.threads == 1:
+            ahead = chain(self._command_of, world.bound_step(self._command), bound.predict)
+            self._move = chain(ahead, bound.update) if self._senses_always else ahead
+        watch = chain(self.observer.bound(self._belief, world), self.scorer.bound)
+        self._fills = bound is not None
+        self._watch = watch if bound is None else chain(bound.fill, watch)
+
+    def _advance(self, lanes: Ints) -> bool:
+        """One simulation step of the lanes; False, and nothing has moved, where an action is no finite number."""
+        if self._move is None:
+            finite = self._command_of()
+            if finite:
+                self.simulation.advance(self._command, None if len(lanes) == self.num_lanes else lanes)
+            return finite
+        finite = self._move(lanes)
+        if finite and not self._senses_always:
+            due = self.simulation.due(lanes)
+            if due is not None:
+                self.simulation.update(0, due)
+        return finite
+
+    def _look(self, lanes: Ints) -> None:
+        """Observe all lanes, measure and score those named."""
+        if self._fills:
+            self._belief.mark_fresh()
+        else:
+            self._belief.refresh()
+        self.scorer.complete = self._watch(lanes)
 
     def observe(self) -> NDArray[np.float32]:
-        """[L, n] flat observations, a fresh array."""
-        return self.observer.observe(self.simulation.estimators[0].belief, self.simulation.world)
+        """[L, n] flat observations of the last step or reset, a fresh array."""
+        return self.observer.out.copy()
 
     def get_state(self) -> dict[str, Any]:
         """Everything that changes between calls, as copies."""
@@ -122,6 +157,7 @@ class Lanes:
             "simulation": self.simulation.get_state(),
             "scorer": self.scorer.get_state(),
             "border": self.observer.border.copy(),
+            "observation": self.observer.out.copy(),
             "action": self.action.copy(),
         }
 
@@ -130,4 +166,5 @@ class Lanes:
         self.simulation.set_state(state["simulation"])
         self.scorer.set_state(state["scorer"])
         self.observer.border[:] = state["border"]
+        self.observer.out[:] = state["observation"]
         self.action[:] = state["action"]

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from estimators.kernels.bound import LATER, bind
+from estimators.kernels.bound import LATER, Bound, bind, chain
 from estimators.kernels.jit import jit
 from slam_gym import reward
 from slam_gym.metrics import LOST_AFTER, METRIC
@@ -32,6 +32,7 @@ NUMBERS = (
 )  # fmt: skip
 """Info's numbers, in the order of `Scorer.values`; undefined ones (NaN) are left out of info."""
 FLAGS = ("target_seen", "target_visible", "target_lost", "in_collision", "outside", "captured", "is_success")
+_NUMBERS_AND_FLAGS = (*NUMBERS, *FLAGS)
 
 _ROBOT_ERROR, _TARGET_ERROR, _TARGET_ERROR_REL, _LANDMARK_COUNT = (
     (METRIC.names or ()).index(name) for name in ("robot_error", "target_error", "target_error_rel", "landmark_count")
@@ -65,11 +66,11 @@ class Ending:
 
 
 @jit
-def _score(lanes, started, metrics, x, k, b, action, before, border, settings, weights, values, flags, paid, ended):
+def _score(lanes, metrics, x, k, b, action, before, border, settings, weights, values, flags, paid, ended):
     """Fill the rows of the lanes [n]; says whether every number of them is defined.
 
-    metrics [L, 13]; x, k, b: the world's blocks; action [L, 2]; before [L, 2]: landmarks mapped and collisions at the
-    last call; started: the lanes have just begun an episode, so their reward's terms are undefined;
+    metrics [L, 13]; x, k, b: the world's blocks; action [L, 2]; before [L, 3]: landmarks mapped and collisions at the
+    last call, and whether the lane has just begun an episode, so that its reward's terms are undefined;
     values [L, NUMBERS], flags [L, FLAGS], paid [L], ended [2, L] (terminated, truncated): output.
     """
     has_target = settings[_HAS_TARGET] > 0.0
@@ -84,7 +85,8 @@ def _score(lanes, started, metrics, x, k, b, action, before, border, settings, w
         mapped, collisions = metrics[lane, _LANDMARK_COUNT], float(k[k[COLLISIONS] + lane])
         collided = collisions - before[lane, 1]
         found = max(mapped - before[lane, 0], 0.0)
-        before[lane, 0], before[lane, 1] = max(mapped, 0.0), collisions
+        started = before[lane, 2] > 0.0
+        before[lane, 0], before[lane, 1], before[lane, 2] = max(mapped, 0.0), collisions, 0.0
         for i in range(NUM_METRICS):
             values[lane, i] = metrics[lane, _COLUMNS[i]]
         term = reward.terms(
@@ -121,15 +123,23 @@ class Scorer:
         weights: [6] of the reward's terms.
         ending: when episodes end.
         border: [L, 2] half the arena's width and height [m].
+        action: [L, 2] where the actions taken stand.
 
     Attributes:
         values: [L, NUMBERS], NaN where undefined. flags: [L, FLAGS]. complete: whether the last call left no NaN.
         reward: [L]. terminated, truncated: [L].
-        before: [L, 2] landmarks in the map and collisions at the last call.
+        before: [L, 3] landmarks in the map and collisions at the last call; 1 where an episode has just begun.
+        bound: measures and scores the lanes that it is given, from a fresh belief; says whether nothing is NaN.
     """
 
     def __init__(
-        self, scenario: Scenario, simulation: Simulation, weights: Floats, ending: Ending, border: Floats
+        self,
+        scenario: Scenario,
+        simulation: Simulation,
+        weights: Floats,
+        ending: Ending,
+        border: Floats,
+        action: Floats,
     ) -> None:
         L = simulation.num_lanes
         self.simulation, self.weights, self.border = simulation, weights, border
@@ -138,9 +148,8 @@ class Scorer:
         self.reward: Floats = np.zeros(L)
         self.ended: Bools = np.zeros((2, L), dtype=np.bool_)
         self.terminated, self.truncated = self.ended
-        self.before: Floats = np.zeros((L, 2))
+        self.before: Floats = np.zeros((L, 3))
         self.complete = False
-        self._all = np.arange(L)
         capture = -1.0 if ending.terminate_on_capture is None else ending.terminate_on_capture
         self.settings: Floats = np.array([
             scenario.has_target, scenario.dt * scenario.sensor_period, scenario.dt, scenario.max_steps, capture,
@@ -151,21 +160,17 @@ class Scorer:
         landmarks, count = (world.landmarks, world.landmark_count) if world.labelled else (None, None)
         meter, target = simulation.meters[0], world.target if world.has_target else None
         belief = simulation.estimators[0].belief
-        self._measure = meter.bound(belief, world.pose, target, landmarks, count, world.target_heading)
-        self._score = bind(
-            _score, LATER, LATER, meter.record.view(np.float64).reshape(L, -1), world.floats, world.integers,
-            world.flags, LATER, self.before, border, self.settings, weights, self.values, self.flags, self.reward,
-            self.ended,
+        self._pose, self._target = world.pose, target
+        measure = meter.bound(belief, world.pose, target, landmarks, count, world.target_heading)
+        score = bind(
+            _score, LATER, meter.record.view(np.float64).reshape(L, -1), world.floats, world.integers, world.flags,
+            action, self.before, border, self.settings, weights, self.values, self.flags, self.reward, self.ended,
         )  # fmt: skip
+        self.bound: Bound = chain(measure, score)
 
-    def score(self, action: Floats, lanes: Ints | None = None, started: bool = False) -> None:
-        """Score the lanes [n] (None: all), which have taken `action` [L, 2] or have just begun an episode."""
-        if lanes is None:
-            lanes = self._all
-        if started:
-            self.before[lanes] = 0.0
-        self._measure(lanes)
-        self.complete = self._score(lanes, started, action)
+    def begin(self, lanes: Ints) -> None:
+        """The lanes [n] begin an episode: what is scored next has no reward."""
+        self.before[lanes] = 0.0, 0.0, 1.0
 
     def get_state(self) -> dict[str, Any]:
         """Scores and what they are counted from, as copies."""
@@ -179,14 +184,11 @@ class Scorer:
 
     def info(self, lane: int) -> dict[str, Any]:
         """One lane's numbers and flags, without those undefined."""
-        row = self.values[lane].tolist()
-        if self.complete:
-            info: dict[str, Any] = dict(zip(NUMBERS, row, strict=True))
-        else:
-            info = {name: value for name, value in zip(NUMBERS, row, strict=True) if value == value}
-        info.update(zip(FLAGS, self.flags[lane].tolist(), strict=True))
-        world = self.simulation.world
-        info["robot_pose"] = world.pose[lane].copy()
-        if world.has_target:
-            info["target_state"] = world.target[lane].copy()
+        told = [*self.values[lane].tolist(), *self.flags[lane].tolist()]
+        info: dict[str, Any] = dict(zip(_NUMBERS_AND_FLAGS, told, strict=True))
+        if not self.complete:
+            info = {name: value for name, value in info.items() if value == value}
+        info["robot_pose"] = self._pose[lane].copy()
+        if self._target is not None:
+            info["target_state"] = self._target[lane].copy()
         return info

@@ -191,8 +191,9 @@ class SlamTargetEnv(gym.Env[Any, NDArray[np.float32]]):
         if not self._seeded:
             raise gym.error.ResetNeeded("call reset() before step()")
         lanes = self.lanes
-        if np.shape(action) != (2,):
-            raise ValueError(f"the action must have shape (2,); got {np.shape(action)}")
+        action = np.asarray(action)
+        if action.shape != (2,):
+            raise ValueError(f"the action must have shape (2,); got {action.shape}")
         lanes.action[0] = action
         lanes.step()
         if self.render_mode == "human":

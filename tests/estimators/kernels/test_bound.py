@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from estimators.gaussian.ekf import predict
-from estimators.kernels.bound import LATER, bind
+from estimators.kernels.bound import LATER, bind, chain
 from estimators.kernels.jit import jit
 from estimators.models import MODEL, MotionModel, SensorModel, pack_models
 
@@ -58,3 +58,40 @@ def test_refuses_an_array_with_gaps(arguments):
 
 def test_the_name_tells_kernels_apart():
     assert "predict" in bind(predict, *([LATER] * 11)).func.__name__
+
+
+@jit
+def count_up(out, limit, lanes):
+    """Adds one to each lane; False once the first has reached the limit."""
+    for i in range(lanes.size):
+        out[lanes[i]] += 1.0
+    return out[0] < limit
+
+
+@jit
+def double(out):
+    """A kernel without later arguments that returns nothing."""
+    for i in range(out.size):
+        out[i] *= 2.0
+
+
+class TestChain:
+    def test_runs_every_kernel_in_turn(self):
+        out, lanes = np.zeros(3), np.array([0, 2])
+        both = chain(bind(count_up, out, 10.0, LATER), bind(double, out), bind(count_up, out, 10.0, LATER))
+        assert both(lanes) is True
+        np.testing.assert_array_equal(out, [3.0, 0.0, 3.0])
+
+    def test_stops_at_the_kernel_that_says_no(self):
+        out = np.zeros(2)
+        assert chain(bind(count_up, out, 1.0, LATER), bind(double, out))(np.arange(2)) is False
+        np.testing.assert_array_equal(out, [1.0, 1.0])
+
+    def test_chains_of_chains_and_their_copies(self):
+        out = np.zeros(2)
+        inner = chain(bind(count_up, out, 10.0, LATER), bind(double, out))
+        held = {"out": out, "call": chain(inner, inner)}
+        other = pickle.loads(pickle.dumps(held))
+        assert other["call"](np.arange(2)) is True
+        np.testing.assert_array_equal(other["out"], [6.0, 6.0])
+        np.testing.assert_array_equal(out, [0.0, 0.0])
