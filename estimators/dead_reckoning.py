@@ -5,13 +5,14 @@ import numpy as np
 from estimators.gaussian.ekf import observe, predict
 from estimators.gaussian.growth import start_target
 from estimators.gaussian.layout import Call, GaussianEstimator
-from estimators.gaussian.sweep import associate, limit_of, note
+from estimators.gaussian.sweep import USED, associate, limit_of, note
 from estimators.interface import Floats, Scan
 from estimators.kernels.angles import wrap
 from estimators.kernels.association import TARGET_SLOT
 from estimators.kernels.bound import LATER
 from estimators.kernels.gaussian import ROBOT, rows_in_use
 from estimators.kernels.jit import inline, jit
+from estimators.kernels.left_looking import settle
 from estimators.kernels.range_bearing import noise_std, offset, offset_noise
 from estimators.models import TWIST
 
@@ -47,7 +48,7 @@ def meet_target(mu, P, lane, n, model, target_known, pending, distance, bearing,
 
 @jit
 def update(
-    mu, P, W, models, n_t, count, ids, target_known, pending, counters, ranges, bearings, labels, num_returns, code,
+    mu, P, work, models, n_t, count, ids, target_known, pending, counters, ranges, bearings, labels, num_returns, code,
     gates, cost, slots, last_dt, lanes, kept,
 ):  # fmt: skip
     """Take the target's returns out of a sweep; nothing else is looked at, and the pose stays as it was.
@@ -67,7 +68,9 @@ def update(
                 continue
             if target_known[lane]:
                 limit = limit_of(gates[0], model, True)
-                outcome, nis = observe(mu, P, W, lane, n, ROBOT, model, ranges[lane, k], bearings[lane, k], limit)
+                outcome, nis = observe(mu, P, work, lane, n, 0, ROBOT, model, ranges[lane, k], bearings[lane, k], limit)
+                if outcome == USED:
+                    settle(P, work, lane, n, 2)
                 put_pose_back(mu, P, lane, kept)
                 note(outcome, nis, True, mu, P, lane, n, n_t, model, target_known, pending, counters)
             if not target_known[lane]:

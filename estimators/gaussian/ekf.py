@@ -13,15 +13,14 @@ from estimators.kernels.borrow import borrow
 from estimators.kernels.bound import LATER
 from estimators.kernels.gaussian import (
     ROBOT,
-    downdate,
     drift_velocity,
-    innovation_cov,
     move_heading_body,
     move_robot,
     nis_and_log_det,
     rows_in_use,
 )
 from estimators.kernels.jit import inline, jit
+from estimators.kernels.left_looking import ROWS, collect, settle, spread
 from estimators.kernels.motion import calibrated, control_noise, control_std, displacement, unicycle, unicycle_noise
 from estimators.kernels.range_bearing import gradient, measure, noise_std
 from estimators.models import TWIST
@@ -79,22 +78,24 @@ def predict(mu, P, models, n_t, count, target_known, pending, control, dt, last_
 
 
 @inline
-def observe(mu, P, W, lane, n, j, model, distance, bearing, limit):
-    """Update by one return of the point at row j, linearised at the current mean; (what became of it, its NIS)."""
+def observe(mu, P, work, lane, n, rows, j, model, distance, bearing, limit):
+    """Update by one return of the point at row j, linearised at the current mean; (what became of it, its NIS).
+
+    Where it was used, two more than `rows` rows are collected in `work`.
+    """
     dx, dy = mu[lane, j] - mu[lane, 0], mu[lane, j + 1] - mu[lane, 1]
     if not dx * dx + dy * dy > 0.0:
         return UNUSABLE, 0.0
     r, b = measure(dx, dy, mu[lane, 2])
     a00, a01, a10, a11 = gradient(dx, dy)
     range_std, bearing_std = noise_std(model, r)
-    s00, s01, s11 = innovation_cov(
-        P, lane, j, a00, a01, a10, a11, 0.0, -1.0, range_std * range_std, bearing_std * bearing_std
-    )
+    s00, s01, s11 = spread(P, work, lane, n, rows, j, a00, a01, a10, a11, 0.0, -1.0)
+    s00, s11 = s00 + range_std * range_std, s11 + bearing_std * bearing_std
     y0, y1 = distance - r, wrap(bearing - b)
     nis = nis_and_log_det(s00, s01, s11, y0, y1)[0]
     if not nis <= limit:
         return (UNUSABLE if math.isnan(nis) else UNLIKELY), nis
-    downdate(mu, lane, P, W, lane, n, j, a00, a01, a10, a11, 0.0, -1.0, y0, y1, s00, s01, s11)
+    collect(mu, lane, work, n, rows, y0, y1, s00, s01, s11)
     mu[lane, 2] = wrap(mu[lane, 2])
     return USED, nis
 
@@ -109,7 +110,7 @@ def update_one(
         lane, mu, P, model, n_t, count, ids, target_known, counters, ranges, bearings, labels, num_returns, code, gates,
         cost, slots,
     )  # fmt: skip
-    n = rows_in_use(n_t, count[lane])
+    n, rows = rows_in_use(n_t, count[lane]), 0
     for k in range(num_returns):
         slot = slots[lane, k]
         is_target = slot == TARGET_SLOT and target_known[lane]
@@ -117,9 +118,17 @@ def update_one(
             continue
         j = ROBOT if is_target else ROBOT + n_t + 2 * slot
         limit = limit_of(gates[0], model, is_target)
-        outcome, nis = observe(mu, P, work, lane, n, j, model, ranges[lane, k], bearings[lane, k], limit)
-        if outcome != USED:
+        if rows == ROWS:
+            settle(P, work, lane, n, rows)
+            rows = 0
+        outcome, nis = observe(mu, P, work, lane, n, rows, j, model, ranges[lane, k], bearings[lane, k], limit)
+        if outcome == USED:
+            rows += 2
+        else:
+            settle(P, work, lane, n, rows)
+            rows = 0
             note(outcome, nis, is_target, mu, P, lane, n, n_t, model, target_known, pending, counters)
+    settle(P, work, lane, n, rows)
     if n_t > 0 and model.target_kind == TWIST:
         mu[lane, 5] = wrap(mu[lane, 5])
     grow(
@@ -157,7 +166,8 @@ class EKF(GaussianEstimator):
 
     **Measurement.** With D = l - p: h = (|D|, atan2(D) - heading), A = dh/dD, H = [-A, (0, -1), A] over position,
     heading and point. Returns are taken in one after the other, each linearised at the mean that the ones before it
-    left; P -= W W' with W = P H' chol(S)^-T keeps P symmetric.
+    left; P -= W W' with W = P H' chol(S)^-T, once for all of them (`estimators.kernels.left_looking`), keeps P
+    symmetric.
 
     **Growth.** After the update, a new landmark enters with the Jacobian [I, J(l - p)] of the pose and all its cross
     covariances. So does the target: constant-velocity with velocity zero and `initial_speed_std`, twist from two

@@ -18,9 +18,7 @@ from estimators.kernels.association import NEAREST, TARGET_SLOT
 from estimators.kernels.bound import LATER
 from estimators.kernels.gaussian import (
     ROBOT,
-    downdate,
     drift_velocity,
-    innovation_cov,
     move_heading_body,
     move_robot,
     nis_and_log_det,
@@ -28,6 +26,7 @@ from estimators.kernels.gaussian import (
     shear,
 )
 from estimators.kernels.jit import inline, jit
+from estimators.kernels.left_looking import ROWS, collect, settle, spread
 from estimators.kernels.motion import calibrated, control_noise, control_std, displacement, unicycle, unicycle_noise
 from estimators.kernels.range_bearing import gradient, measure, noise_std
 from estimators.models import TWIST
@@ -114,10 +113,11 @@ def predict(mu, P, models, n_t, count, anchor, target_known, pending, control, d
 
 
 @inline
-def observe(mu, P, W, lane, n, j, model, anchor, first_x, first_y, distance, bearing, limit):
+def observe(mu, P, work, lane, n, rows, j, model, anchor, first_x, first_y, distance, bearing, limit):
     """Update by one return of the point at row j. Eq. (33), Geng 2024.
 
     H = A [-I, -J(l_first - p_{k|k-1}), I] with A = dh/dD at the newest estimate, where the residual is taken too.
+    Where it was used, two more than `rows` rows are collected in `work`.
     """
     dx, dy = mu[lane, j] - mu[lane, 0], mu[lane, j + 1] - mu[lane, 1]
     if not dx * dx + dy * dy > 0.0:
@@ -127,14 +127,13 @@ def observe(mu, P, W, lane, n, j, model, anchor, first_x, first_y, distance, bea
     g0, g1 = anchor[lane, 1] - first_y, first_x - anchor[lane, 0]
     c0, c1 = -(a00 * g0 + a01 * g1), -(a10 * g0 + a11 * g1)
     range_std, bearing_std = noise_std(model, r)
-    s00, s01, s11 = innovation_cov(
-        P, lane, j, a00, a01, a10, a11, c0, c1, range_std * range_std, bearing_std * bearing_std
-    )
+    s00, s01, s11 = spread(P, work, lane, n, rows, j, a00, a01, a10, a11, c0, c1)
+    s00, s11 = s00 + range_std * range_std, s11 + bearing_std * bearing_std
     y0, y1 = distance - r, wrap(bearing - b)
     nis = nis_and_log_det(s00, s01, s11, y0, y1)[0]
     if not nis <= limit:
         return (UNUSABLE if math.isnan(nis) else UNLIKELY), nis
-    downdate(mu, lane, P, W, lane, n, j, a00, a01, a10, a11, c0, c1, y0, y1, s00, s01, s11)
+    collect(mu, lane, work, n, rows, y0, y1, s00, s01, s11)
     mu[lane, 2] = wrap(mu[lane, 2])
     return USED, nis
 
@@ -149,7 +148,7 @@ def update_one(
         lane, mu, P, model, n_t, count, ids, target_known, counters, ranges, bearings, labels, num_returns, code, gates,
         cost, slots,
     )  # fmt: skip
-    n = rows_in_use(n_t, count[lane])
+    n, rows = rows_in_use(n_t, count[lane]), 0
     for k in range(num_returns):
         slot = slots[lane, k]
         is_target = slot == TARGET_SLOT and target_known[lane]
@@ -162,11 +161,19 @@ def update_one(
             first_x, first_y = linear_point(lane, slot, is_target, first, anchor)
         limit = limit_of(gates[0], model, is_target)
         distance, bearing = ranges[lane, k], bearings[lane, k]
-        outcome, nis = observe(mu, P, work, lane, n, j, model, anchor, first_x, first_y, distance, bearing, limit)
-        if outcome != USED:
+        if rows == ROWS:
+            settle(P, work, lane, n, rows)
+            rows = 0
+        outcome, nis = observe(mu, P, work, lane, n, rows, j, model, anchor, first_x, first_y, distance, bearing, limit)
+        if outcome == USED:
+            rows += 2
+            if nis > ROUGH_NIS and has_shifted(mu, lane, j, anchor, first_x, first_y, TORN):
+                renew(mu, lane, n_t, count[lane], first, anchor)
+        else:
+            settle(P, work, lane, n, rows)
+            rows = 0
             note(outcome, nis, is_target, mu, P, lane, n, n_t, model, target_known, pending, counters)
-        elif nis > ROUGH_NIS and has_shifted(mu, lane, j, anchor, first_x, first_y, TORN):
-            renew(mu, lane, n_t, count[lane], first, anchor)
+    settle(P, work, lane, n, rows)
     held, known, held_x, held_y = pending[lane, 0] > 0.0, target_known[lane], 0.0, 0.0
     if n_t > 0:
         held_x, held_y = anchor[lane, A_T], anchor[lane, A_T + 1]

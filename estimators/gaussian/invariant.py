@@ -17,23 +17,23 @@ from estimators.kernels.angles import wrap
 from estimators.kernels.association import NEAREST, TARGET_SLOT
 from estimators.kernels.borrow import borrow
 from estimators.kernels.bound import LATER
-from estimators.kernels.gaussian import ROBOT, downdate, innovation_cov, nis_and_log_det, rows_in_use, shear
+from estimators.kernels.gaussian import ROBOT, nis_and_log_det, rows_in_use, shear
 from estimators.kernels.jit import inline, jit
+from estimators.kernels.left_looking import CORRECTION, ROWS, SHIFT, collect, current_row, settle, spread
 from estimators.kernels.range_bearing import gradient, measure, noise_std
-from estimators.kernels.simd import add_outer
+from estimators.kernels.simd import subtract_rows
 from estimators.models import TWIST
 
-CORRECTION, SHIFT, SUM, DIFFERENCE = 2, 0, 0, 1  # rows of the scratch
 SMALL_ANGLE = 1e-4  # [rad] below which the series of V is exact to rounding
 HALF_ROOT = math.sqrt(0.5)
 
 
 @inline
-def observe(mu, P, work, lane, n, j, model, distance, bearing, limit):
+def observe(mu, P, work, lane, n, rows, j, model, distance, bearing, limit):
     """Collect the correction by one return; everything is linearised at the mean before the sweep.
 
     The innovation is what is left after the corrections so far, y - H dx: one after the other, the returns give the
-    stacked update.
+    stacked update. Where it was used, two more than `rows` rows are collected in `work`.
     """
     dx, dy = mu[lane, j] - mu[lane, 0], mu[lane, j + 1] - mu[lane, 1]
     if not dx * dx + dy * dy > 0.0:
@@ -41,9 +41,8 @@ def observe(mu, P, work, lane, n, j, model, distance, bearing, limit):
     r, b = measure(dx, dy, mu[lane, 2])
     a00, a01, a10, a11 = gradient(dx, dy)
     range_std, bearing_std = noise_std(model, r)
-    s00, s01, s11 = innovation_cov(
-        P, lane, j, a00, a01, a10, a11, 0.0, -1.0, range_std * range_std, bearing_std * bearing_std
-    )
+    s00, s01, s11 = spread(P, work, lane, n, rows, j, a00, a01, a10, a11, 0.0, -1.0)
+    s00, s11 = s00 + range_std * range_std, s11 + bearing_std * bearing_std
     moved_x = work[CORRECTION, j] - work[CORRECTION, 0]
     moved_y = work[CORRECTION, j + 1] - work[CORRECTION, 1]
     y0 = distance - r - a00 * moved_x - a01 * moved_y
@@ -51,7 +50,7 @@ def observe(mu, P, work, lane, n, j, model, distance, bearing, limit):
     nis = nis_and_log_det(s00, s01, s11, y0, y1)[0]
     if not nis <= limit:
         return (UNUSABLE if math.isnan(nis) else UNLIKELY), nis
-    downdate(work, CORRECTION, P, work, lane, n, j, a00, a01, a10, a11, 0.0, -1.0, y0, y1, s00, s01, s11)
+    collect(work, CORRECTION, work, n, rows, y0, y1, s00, s01, s11)
     return USED, nis
 
 
@@ -77,24 +76,25 @@ def retract_point(mu, work, lane, j, angle, c, s, a, b):
 
 
 @inline
-def change_coordinates(P, work, lane, n):
-    """(b): P <- M P M', M = I + d e_phi', d in row SHIFT.
+def change_coordinates(P, work, lane, n, rows):
+    """Settle the rows collected, then (b): P <- M P M', M = I + d e_phi', d in row SHIFT; P is gone over once.
 
     The added d e' + e d', e = P_phi + P_phiphi d / 2, is written as a difference of squares: it is symmetric to the
     last bit.
     """
-    half = 0.5 * P[lane, 2, 2]
+    current_row(P, work, lane, n, rows, 2)
+    half = 0.5 * work[rows, 2]
     for i in range(n):
         d = work[SHIFT, i]
-        e = P[lane, 2, i] + half * d
-        work[SUM, i] = HALF_ROOT * (d + e)
-        work[DIFFERENCE, i] = HALF_ROOT * (d - e)
-    add_outer(P, lane, n, work, 1.0, -1.0)
+        e = work[rows, i] + half * d
+        work[rows, i] = HALF_ROOT * (d - e)
+        work[rows + 1, i] = HALF_ROOT * (d + e)
+    subtract_rows(P, lane, n, work, rows + 1, 1)
 
 
 @inline
-def retract(mu, P, work, lane, n, n_t, count, own_heading):
-    """Apply the collected correction to mean and coordinates.
+def retract(mu, P, work, lane, n, rows, n_t, count, own_heading):
+    """Apply the collected correction to mean and coordinates, and settle the rows collected.
 
     Every point turns with the robot's heading, a constant-velocity target's velocity too; a twist target
     (`own_heading`) turns with its own, as a second body.
@@ -110,6 +110,8 @@ def retract(mu, P, work, lane, n, n_t, count, own_heading):
         tc, ts, ta, tb = group_step(turn)
         retract_point(mu, work, lane, ROBOT, turn, tc, ts, ta, tb)
         mu[lane, 5] = wrap(mu[lane, 5] + turn)
+        settle(P, work, lane, n, rows)
+        rows = 0
         shear(P, lane, n, ROBOT, 5, work[SHIFT, ROBOT])
         shear(P, lane, n, ROBOT + 1, 5, work[SHIFT, ROBOT + 1])
         work[SHIFT, ROBOT] = work[SHIFT, ROBOT + 1] = 0.0
@@ -118,7 +120,7 @@ def retract(mu, P, work, lane, n, n_t, count, own_heading):
             retract_point(mu, work, lane, j, angle, c, s, a, b)
     for slot in range(count):
         retract_point(mu, work, lane, ROBOT + n_t + 2 * slot, angle, c, s, a, b)
-    change_coordinates(P, work, lane, n)
+    change_coordinates(P, work, lane, n, rows)
 
 
 @inline
@@ -131,7 +133,7 @@ def update_one(
         lane, mu, P, model, n_t, count, ids, target_known, counters, ranges, bearings, labels, num_returns, code, gates,
         cost, slots,
     )  # fmt: skip
-    n = rows_in_use(n_t, count[lane])
+    n, rows = rows_in_use(n_t, count[lane]), 0
     for i in range(n):
         work[CORRECTION, i] = 0.0
     for k in range(num_returns):
@@ -141,14 +143,21 @@ def update_one(
             continue
         j = ROBOT if is_target else ROBOT + n_t + 2 * slot
         limit = limit_of(gates[0], model, is_target)
-        outcome, nis = observe(mu, P, work, lane, n, j, model, ranges[lane, k], bearings[lane, k], limit)
-        if outcome != USED:
+        if rows == ROWS:
+            settle(P, work, lane, n, rows)
+            rows = 0
+        outcome, nis = observe(mu, P, work, lane, n, rows, j, model, ranges[lane, k], bearings[lane, k], limit)
+        if outcome == USED:
+            rows += 2
+        else:
+            settle(P, work, lane, n, rows)
+            rows = 0
             note(outcome, nis, is_target, mu, P, lane, n, n_t, model, target_known, pending, counters)
             if is_target and not target_known[lane]:
                 for i in range(ROBOT, ROBOT + n_t):
                     work[CORRECTION, i] = 0.0
     own_heading = n_t > 0 and model.target_kind == TWIST and target_known[lane]
-    retract(mu, P, work, lane, n, n_t, count[lane], own_heading)
+    retract(mu, P, work, lane, n, rows, n_t, count[lane], own_heading)
     grow(
         lane, mu, P, model, n_t, count, ids, first, next_id, target_known, pending, counters, ranges, bearings, labels,
         num_returns, code == NEAREST, slots, mu[lane, 0], mu[lane, 1], mu[lane, ROBOT], mu[lane, ROBOT + 1],

@@ -14,7 +14,7 @@ from typing import Any, ClassVar
 
 from estimators.gaussian.ekf import predict
 from estimators.gaussian.growth import grow
-from estimators.gaussian.invariant import CORRECTION, retract
+from estimators.gaussian.invariant import retract
 from estimators.gaussian.layout import Call, GaussianEstimator
 from estimators.gaussian.sigma_point import GAUSSIAN_STEP
 from estimators.gaussian.sweep import UNLIKELY, UNUSABLE, USED, associate, limit_of, note
@@ -23,8 +23,9 @@ from estimators.interface import Floats, Scan
 from estimators.kernels.angles import wrap
 from estimators.kernels.association import NEAREST, TARGET_SLOT
 from estimators.kernels.bound import LATER
-from estimators.kernels.gaussian import ROBOT, downdate, nis_and_log_det, rows_in_use
+from estimators.kernels.gaussian import ROBOT, nis_and_log_det, rows_in_use
 from estimators.kernels.jit import inline, jit
+from estimators.kernels.left_looking import CORRECTION, collect, spread
 from estimators.kernels.range_bearing import measure, noise_std
 from estimators.models import TWIST, MotionModel, SensorModel, TargetModel
 
@@ -99,9 +100,8 @@ def observe(mu, P, work, lane, n, j, model, distance, bearing, limit, h):
     if not nis <= limit:
         return (UNUSABLE if math.isnan(nis) else UNLIKELY), nis
     a00, a01, a10, a11 = from_beam(ux, uy, g00, g01, g10, g11)
-    downdate(
-        work, CORRECTION, P, work, lane, n, j, a00, a01, a10, a11, -r * g01, -r * g11, y0, y1, s00, s01, s11
-    )  # fmt: skip
+    spread(P, work, lane, n, 0, j, a00, a01, a10, a11, -r * g01, -r * g11)
+    collect(work, CORRECTION, work, n, 0, y0, y1, s00, s01, s11)
     return USED, nis
 
 
@@ -128,7 +128,7 @@ def update_one(
         outcome, nis = observe(mu, P, work, lane, n, j, model, ranges[lane, k], bearings[lane, k], limit, h)
         if outcome == USED:
             own_heading = n_t > 0 and model.target_kind == TWIST and target_known[lane]
-            retract(mu, P, work, lane, n, n_t, count[lane], own_heading)
+            retract(mu, P, work, lane, n, 2, n_t, count[lane], own_heading)
         else:
             note(outcome, nis, is_target, mu, P, lane, n, n_t, model, target_known, pending, counters)
     grow(

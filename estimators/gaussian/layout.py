@@ -23,6 +23,7 @@ from estimators.interface import Belief, BoundCalls, Estimator, Floats, Ints, Sc
 from estimators.kernels.association import KNOWN, NEAREST
 from estimators.kernels.bound import LATER, bind, chain
 from estimators.kernels.gaussian import BLOCK, ROBOT
+from estimators.kernels.left_looking import scratch
 from estimators.kernels.simd import aligned_zeros
 from estimators.models import MotionModel, SensorModel, TargetModel
 
@@ -91,7 +92,7 @@ class GaussianEstimator(Estimator):
         self.pending: Floats = np.zeros((L, 4))
         self.counters: Ints = np.zeros((L, len(COUNTERS)), dtype=np.int64)
         self.last_dt: Floats = np.zeros(L)
-        self.work: Floats = aligned_zeros(3, self.n_max)  # scratch: two rows of W, one of corrections
+        self.work: Floats = scratch(self.n_max)  # see `left_looking`
         self.slots: Ints = np.zeros((L, 0), dtype=np.int64)  # scratch: the last sweep's association
         self.cost: Floats = np.zeros((0, M + 1))  # scratch
         self._dt: Floats = np.zeros(L)

@@ -1,7 +1,9 @@
-"""The one inner loop that the compiler's own vectoriser leaves slow: a symmetric rank-2 change of P.
+"""The inner loops that the compiler's own vectoriser leaves slow: symmetric changes of P by outer products.
 
-Numba vectorises it too, but checks each row anew whether P and W overlap; written out in vectors of eight it takes
+Numba vectorises them too, but checks each row anew whether P and W overlap; written out in vectors of eight they take
 about half the time (on processors with AVX-512 less). LLVM splits the vectors where the processor's are narrower.
+`add_outer` adds two products in one sweep over P; `subtract_rows` any number of them, a tile of P at a time, so that P
+is read and written once: half the time again where P is larger than the first cache.
 """
 
 from typing import Any
@@ -89,3 +91,108 @@ def _splat(builder, scalar):
     one = builder.insert_element(ir.Constant(_VECTOR, ir.Undefined), scalar, ir.IntType(32)(0))
     places = ir.Constant(ir.VectorType(ir.IntType(32), WIDTH), None)
     return builder.shuffle_vector(one, ir.Constant(_VECTOR, ir.Undefined), places)
+
+
+TILE = 4  # rows of a tile, one vector wide: what four accumulators and a vector of W keep in sixteen registers
+
+
+def _subtract_rows(typingctx, P, lane, n, W, minus, plus):
+    """P[lane, :n, :n] -= sum W[k] W[k]' over the first `minus` rows, += over the next `plus`; n a multiple of `WIDTH`.
+
+    Works on the lower triangle and mirrors it, so a symmetric P stays symmetric to the last bit.
+
+    Args:
+        P: [L, n_max, n_max], W: [>= minus + plus, >= n], both contiguous.
+    """
+    signature = types.void(P, types.intp, types.intp, W, types.intp, types.intp)
+
+    def codegen(context, builder, sig, args):
+        p_array = context.make_array(sig.args[0])(context, builder, args[0])
+        w_array = context.make_array(sig.args[3])(context, builder, args[3])
+        _, lane_value, n_value, _, minus_value, plus_value = args
+        side, width = builder.extract_value(p_array.shape, 2), builder.extract_value(w_array.shape, 1)
+        start = builder.gep(p_array.data, [builder.mul(lane_value, builder.mul(side, side))])
+        ends = [(_INDEX(0), minus_value, True), (minus_value, builder.add(minus_value, plus_value), False)]
+        tile = [cgutils.alloca_once(builder, _VECTOR) for _ in range(TILE)]
+        with cgutils.for_range_slice(builder, _INDEX(0), n_value, _INDEX(WIDTH), _INDEX) as (column, _):
+            with cgutils.for_range_slice(builder, column, n_value, _INDEX(TILE), _INDEX) as (row, _):
+                lines = [builder.mul(builder.add(row, _INDEX(i)), side) for i in range(TILE)]
+                places = [_vector_pointer(builder, builder.gep(start, [builder.add(line, column)])) for line in lines]
+                for one, place in zip(tile, places, strict=True):
+                    builder.store(builder.load(place, align=_ALIGN), one)
+                for first, last, negative in ends:
+                    _add_products(builder, tile, w_array.data, width, row, column, first, last, negative)
+                values = [builder.load(one) for one in tile]
+                for value, place in zip(values, places, strict=True):
+                    builder.store(value, place, align=_ALIGN)
+                below = builder.icmp_signed(">=", row, builder.add(column, _INDEX(WIDTH)))
+                with builder.if_then(below):
+                    _store_transposed(builder, values, start, side, row, column)
+        return context.get_dummy_value()
+
+    return signature, codegen
+
+
+subtract_rows: Any = intrinsic(_subtract_rows)
+
+
+def _add_products(builder, tile, rows, width, row, column, first, last, negative):
+    """tile[i] -= or += W[k, row + i] W[k, column ...] over the rows k of W from `first` to `last`."""
+    with cgutils.for_range_slice(builder, first, last, _INDEX(1), _INDEX) as (k, _):
+        line = builder.gep(rows, [builder.mul(k, width)])
+        across = _load(builder, builder.gep(line, [column]))
+        if negative:
+            across = builder.fneg(across)
+        for i, one in enumerate(tile):
+            factor = _splat(builder, builder.load(builder.gep(line, [builder.add(row, _INDEX(i))])))
+            product = builder.fmul(factor, across, flags=_FUSE)
+            builder.store(builder.fadd(builder.load(one), product, flags=_FUSE), one)
+
+
+def _store_transposed(builder, values, start, side, row, column):
+    """The tile's mirror image: column q of the tile becomes `TILE` numbers of P's row column + q."""
+    kind, places = ir.VectorType(_DOUBLE, TILE), ir.IntType(32)
+    for q in range(WIDTH):
+        line: Any = ir.Constant(kind, ir.Undefined)
+        for i, value in enumerate(values):
+            line = builder.insert_element(line, builder.extract_element(value, places(q)), places(i))
+        place = builder.gep(start, [builder.add(builder.mul(builder.add(column, _INDEX(q)), side), row)])
+        builder.store(line, builder.bitcast(place, kind.as_pointer()), align=_ALIGN)
+
+
+def _project(typingctx, W, row, n, rows, gain):
+    """W[row] -= sum W[gain, k] W[k], W[row + 1] -= sum W[gain + 1, k] W[k] over the first `rows` rows; n as above.
+
+    Args:
+        W: contiguous, [.., >= max(n, rows)].
+    """
+    signature = types.void(W, types.intp, types.intp, types.intp, types.intp)
+
+    def codegen(context, builder, sig, args):
+        w_array = context.make_array(sig.args[0])(context, builder, args[0])
+        _, row_value, n_value, rows_value, gain_value = args
+        width = builder.extract_value(w_array.shape, 1)
+
+        def line(first, i):
+            return builder.gep(w_array.data, [builder.mul(builder.add(first, _INDEX(i)), width)])
+
+        targets, gains = [line(row_value, i) for i in range(2)], [line(gain_value, i) for i in range(2)]
+        sums = [cgutils.alloca_once(builder, _VECTOR) for _ in range(2)]
+        with cgutils.for_range_slice(builder, _INDEX(0), n_value, _INDEX(WIDTH), _INDEX) as (column, _):
+            places = [_vector_pointer(builder, builder.gep(target, [column])) for target in targets]
+            for one, place in zip(sums, places, strict=True):
+                builder.store(builder.load(place, align=_ALIGN), one)
+            with cgutils.for_range(builder, rows_value, intp=_INDEX) as loop:
+                across = builder.fneg(_load(builder, builder.gep(line(loop.index, 0), [column])))
+                for one, gain in zip(sums, gains, strict=True):
+                    factor = _splat(builder, builder.load(builder.gep(gain, [loop.index])))
+                    product = builder.fmul(factor, across, flags=_FUSE)
+                    builder.store(builder.fadd(builder.load(one), product, flags=_FUSE), one)
+            for one, place in zip(sums, places, strict=True):
+                builder.store(builder.load(one), place, align=_ALIGN)
+        return context.get_dummy_value()
+
+    return signature, codegen
+
+
+project: Any = intrinsic(_project)

@@ -7,6 +7,7 @@ from estimators.gaussian import invariant
 from estimators.gaussian.invariant import RIEKF
 from estimators.interface import TARGET
 from estimators.kernels.jit import jit
+from estimators.kernels.left_looking import CORRECTION, scratch
 from estimators.models import TargetModel
 from estimators.testing import checks
 
@@ -20,8 +21,8 @@ def test_contract(check):
 
 
 @jit
-def _retract(mu, P, work, n_t, count, own_heading):
-    invariant.retract(mu, P, work, 0, P.shape[1], n_t, count, own_heading)
+def _retract(mu, P, work, rows, n_t, count, own_heading):
+    invariant.retract(mu, P, work, 0, P.shape[1], rows, n_t, count, own_heading)
 
 
 def exponential(heading, vectors):
@@ -34,14 +35,20 @@ def exponential(heading, vectors):
 
 @pytest.mark.parametrize("angle", [0.0, 1e-6, 1e-3, 0.4, -1.3])
 @pytest.mark.parametrize("n_t", [0, 3, 4])
-def test_retraction_is_the_group_exponential(angle, n_t):
-    """And the change of coordinates is the derivative of the new ordinary coordinates by the old."""
+@pytest.mark.parametrize("held", [0, 4])
+def test_retraction_is_the_group_exponential(angle, n_t, held):
+    """And the change of coordinates is the derivative of the new ordinary coordinates by the old.
+
+    What the sweep's returns took off, the rows collected, leaves the covariance before.
+    """
     rng = np.random.default_rng(2)
     count, n = 3, 16
     used = 3 + n_t + 2 * count
-    mu, P, work = np.zeros((1, n)), np.zeros((1, n, n)), np.zeros((3, n))
-    mu[0, :used], work[2, :used] = 3.0 * rng.standard_normal(used), 0.2 * rng.standard_normal(used)
-    work[2, 2] = angle
+    mu, P, work = np.zeros((1, n)), np.zeros((1, n, n)), scratch(n)
+    step = work[CORRECTION]
+    mu[0, :used], step[:used] = 3.0 * rng.standard_normal(used), 0.2 * rng.standard_normal(used)
+    work[:held, :used] = 0.1 * rng.standard_normal((held, used))
+    step[2] = angle
     A = rng.standard_normal((used, used))
     P[0, :used, :used] = A @ A.T
     P[0] = (P[0] + P[0].T) / 2
@@ -50,15 +57,16 @@ def test_retraction_is_the_group_exponential(angle, n_t):
     bodies = [(2, points), *([(5, [3])] if twist else [])]
     expected, M = mu[0].copy(), np.eye(n)
     for heading, rows in bodies:
-        th = work[2, heading]
-        xi = [work[2, j : j + 2] - J @ mu[0, j : j + 2] * th for j in rows]
+        th = step[heading]
+        xi = [step[j : j + 2] - J @ mu[0, j : j + 2] * th for j in rows]
         R, t = exponential(th, xi)
         for k, j in enumerate(rows):
             expected[j : j + 2] = R @ mu[0, j : j + 2] + t[:, k]
             M[j : j + 2, heading] += J @ (expected[j : j + 2] - mu[0, j : j + 2])
         expected[heading] = (mu[0, heading] + th + np.pi) % (2 * np.pi) - np.pi
-    cov = M @ P[0] @ M.T
-    _retract(mu, P, work, n_t, count, twist)
+    collected = work[:held, :n].copy()
+    cov = M @ (P[0] - collected.T @ collected) @ M.T
+    _retract(mu, P, work, held, n_t, count, twist)
     np.testing.assert_allclose(mu[0], expected, atol=1e-12)
     np.testing.assert_allclose(P[0], cov, atol=1e-9)
     np.testing.assert_array_equal(P[0], P[0].T)

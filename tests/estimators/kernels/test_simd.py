@@ -2,12 +2,22 @@ import numpy as np
 import pytest
 
 from estimators.kernels.jit import jit
-from estimators.kernels.simd import CACHE_LINE, add_outer, aligned_zeros
+from estimators.kernels.simd import CACHE_LINE, add_outer, aligned_zeros, project, subtract_rows
 
 
 @jit
 def _add(P, lane, n, W, sign_0, sign_1):
     add_outer(P, lane, n, W, sign_0, sign_1)
+
+
+@jit
+def _subtract(P, lane, n, W, minus, plus):
+    subtract_rows(P, lane, n, W, minus, plus)
+
+
+@jit
+def _project(W, row, n, rows, gain):
+    project(W, row, n, rows, gain)
 
 
 @pytest.mark.parametrize("n", [8, 16, 24, 40])
@@ -22,6 +32,30 @@ def test_rank_two_change(n, signs):
     _add(P, 1, n, W, *signs)
     np.testing.assert_allclose(P, expected, atol=1e-12)
     np.testing.assert_array_equal(P, np.swapaxes(P, 1, 2))
+
+
+@pytest.mark.parametrize("n", [8, 16, 24, 40])
+@pytest.mark.parametrize(("minus", "plus"), [(0, 0), (2, 0), (18, 0), (5, 1), (0, 3)])
+def test_many_products_at_once(n, minus, plus):
+    rng = np.random.default_rng(n)
+    P = aligned_zeros(3, 40, 40)
+    P[:] = rng.standard_normal(P.shape)
+    P += np.swapaxes(P, 1, 2).copy()
+    W, expected = rng.standard_normal((20, 48)), P.copy()
+    down, up = W[:minus, :n], W[minus : minus + plus, :n]
+    expected[1, :n, :n] += up.T @ up - down.T @ down
+    _subtract(P, 1, n, W, minus, plus)
+    np.testing.assert_allclose(P, expected, atol=1e-12)
+    np.testing.assert_array_equal(P, np.swapaxes(P, 1, 2))
+
+
+@pytest.mark.parametrize("rows", [0, 1, 6])
+def test_projection(rows):
+    W = np.random.default_rng(rows).standard_normal((10, 24))
+    expected = W.copy()
+    expected[6:8, :16] -= W[8:10, :rows] @ W[:rows, :16]
+    _project(W, 6, 16, rows, 8)
+    np.testing.assert_allclose(W, expected, atol=1e-12)
 
 
 def test_aligned_zeros():
