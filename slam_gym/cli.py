@@ -18,6 +18,7 @@ COMMANDS = {
     "export": ("slam_gym.commands.export:Export", "write a simulated run in a recorded robot's format"),
     "report": ("slam_gym.commands.report:Report", "draw a results folder again: report.html and pictures"),
     "train": ("agents.sb3.train:Train", "train a policy (PPO, SAC) on many worlds at once"),
+    "evaluate": ("agents.evaluate:Evaluate", "judge a policy in worlds it has never seen: win, tie or loss"),
     "merge": ("slam_gym.commands.merge:Merge", "put the shards of one comparison together"),
     "list": ("slam_gym.commands.list:List", "scenarios, estimators, policies, environments; or the page of one"),
 }

@@ -25,7 +25,7 @@ class Episode:
     Args:
         scenario: the world.
         estimators: "ekf", "slamto:particles=500" or (name, options); the policy acts on the belief of the first.
-        policy: "pursuit", "pursuit:stand_off=2" or (name, options); None: the scenario's own.
+        policy: "pursuit", "pursuit:stand_off=2", (name, options) or the folder of a training; None: the scenario's own.
         seed: of world, estimators and policy.
 
     Attributes:
@@ -50,7 +50,7 @@ class Episode:
         self.names = [spec.label for spec in specs]
         self.simulation = Simulation(scenario, [(s.name, s.options) for s in specs], num_lanes=1, allow_truth=True)
         self.context = policies.PolicyContext.from_scenario(scenario)
-        chosen = Spec.parse(policy or (scenario.policy.name, scenario.policy.options))
+        chosen = policies.parse(policy or (scenario.policy.name, scenario.policy.options))
         self.policy_name = chosen.label
         self.policy = policies.make(chosen.name, self.context, 1, **chosen.options)
         self._view = PolicyView(self.policy, scenario)

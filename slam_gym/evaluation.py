@@ -74,7 +74,7 @@ def compare(
         scenarios: names, paths or `Scenario`s.
         estimators: names ("ekf"), with options ("slamto:particles=500") or as pairs (name, options); None: the
             scenario's own list. The first is what the others are compared with.
-        policies: likewise; None: the scenario's own.
+        policies: likewise, or the folder of a training; None: the scenario's own.
         runs: worlds per scenario and policy, numbered from 0; world i is the same for everybody.
         seed: of the comparison.
         mode: "shared": one policy drives, on the belief of `driver`, and every estimator processes the same data;

@@ -29,6 +29,7 @@ class Combination:
     estimators: tuple[Spec, ...]
     driver: int  # which estimator's belief the policy acts on, when the data are shared
     burn_in: int = 0  # first steps that are not scored
+    weights: str = ""  # which a learned policy drives with
 
     @property
     def name(self) -> str:
@@ -55,6 +56,7 @@ class Plan:
                 {
                     "scenario": c.scenario.to_dict(),
                     "policy": c.policy.to_dict(),
+                    "weights": c.weights,
                     "estimators": [spec.to_dict() for spec in c.estimators],
                     "burn_in": c.burn_in,
                     "driver": c.estimators[c.driver].label if self.mode == "shared" else None,
@@ -72,7 +74,7 @@ def plan_from_dict(settings: Mapping[str, Any]) -> Plan:
         labels = [spec.label for spec in specs]
         driver = labels.index(item["driver"]) if item["driver"] is not None else 0
         scenario, policy = Scenario.load(item["scenario"]), Spec(**item["policy"])
-        combinations.append(Combination(scenario, policy, specs, driver, item["burn_in"]))
+        combinations.append(Combination(scenario, policy, specs, driver, item["burn_in"], item["weights"]))
     return Plan(tuple(combinations), settings["seed"], settings["mode"], settings["tracks"])
 
 
@@ -109,8 +111,8 @@ def make_plan(
         lead = _driver(specs, driver)
         unscored = _burn_in(scenario, burn_in)
         for policy in _policies(scenario, chosen_policies):
-            _try(scenario, policy, specs)
-            combinations.append(Combination(scenario, policy, specs, lead, unscored))
+            weights = _try(scenario, policy, specs)
+            combinations.append(Combination(scenario, policy, specs, lead, unscored, weights))
     return Plan(tuple(combinations), int(seed), mode, int(tracks))  # type: ignore[arg-type]
 
 
@@ -148,7 +150,7 @@ def _estimators(
 def _policies(scenario: Scenario, chosen: Sequence[Any] | None) -> list[Spec]:
     if chosen is None:
         return [Spec(scenario.policy.name, scenario.policy.name, dict(scenario.policy.options))]
-    specs = [Spec.parse(item) for item in _listed(chosen)]
+    specs = [policies.parse(item) for item in _listed(chosen)]
     _distinct("policy", [spec.label for spec in specs])
     return specs
 
@@ -163,12 +165,12 @@ def _driver(specs: Sequence[Spec], driver: str | None) -> int:
     return next((names.index(name) for name in DRIVERS if name in names), 0)
 
 
-def _try(scenario: Scenario, policy: Spec, estimators: Sequence[Spec]) -> None:
-    """Build everything once, so that a wrong option is said before workers start."""
+def _try(scenario: Scenario, policy: Spec, estimators: Sequence[Spec]) -> str:
+    """Build everything once, so that a wrong option is said before workers start; the policy's weights."""
     motion, sensor, target = scenario.models()
     for spec in estimators:
         registry.make(spec.name, motion, sensor, target, max_landmarks=scenario.max_landmarks, **spec.options)
-    policies.make(policy.name, policies.PolicyContext.from_scenario(scenario), **policy.options)
+    return policies.make(policy.name, policies.PolicyContext.from_scenario(scenario), **policy.options).weights
 
 
 def run_seeds(seed: int, purpose: int, runs: Sequence[int] | Ints) -> Ints:

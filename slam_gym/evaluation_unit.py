@@ -106,6 +106,7 @@ class _Episodes:
         self.values = np.full((len(specs), lanes, self.max_steps, len(FIELDS)), np.nan)
         self.age = np.full((lanes, self.max_steps), np.nan)
         self.steps = np.zeros(lanes, dtype=np.int64)
+        self.effort = np.zeros(lanes)
         self.drawn = np.flatnonzero(self.run_index < tracks)
         self.rows: list[list[Floats]] = [[] for _ in specs]
         self.final: list[list[Floats]] = [[] for _ in specs]
@@ -113,7 +114,7 @@ class _Episodes:
     def run(self) -> list[Records]:
         """Step until every run is over."""
         simulation, going = self.simulation, np.arange(len(self.run_index))
-        command = np.zeros((len(going), 2))
+        action = command = np.zeros((len(going), 2))
         for step in range(self.max_steps):
             if step % self.hold == 0:
                 shown = self.view.observe(simulation, self.driver)
@@ -124,6 +125,7 @@ class _Episodes:
                     break
             simulation.advance(command, None if going.size == len(self.run_index) else going)
             self.steps[going] += 1
+            self.effort[going] += 0.5 * np.square(action[going]).sum(axis=1)
             self._record(step, going)
         self._stop(going, everything=True)
         return [self._records(e) for e in range(len(simulation.estimators))]
@@ -139,7 +141,8 @@ class _Episodes:
 
     def _record(self, step: int, going: Ints) -> None:
         world = self.simulation.world
-        self.age[going, step] = world.time_since_seen[going]
+        if world.has_target:
+            self.age[going, step] = world.time_since_seen[going]
         for e in range(len(self.values)):
             record = self.simulation.measure(e)
             values = record.view(np.float64).reshape(len(record), -1)[going]
@@ -192,6 +195,7 @@ class _Episodes:
             age=self.age[:, :last],
             time=np.arange(1, last + 1, dtype=np.float64) * self.scenario.dt,
             collisions=np.array(simulation.world.collisions, dtype=np.int64),
+            effort=self.effort / np.maximum(self.steps, 1),
             counts={name: np.array(n, dtype=np.int64) for name, n in simulation.estimators[e].counts.items()},
             timing=np.array(timing, dtype=np.float64),
             tracks=_stack(self.rows[e], len(TRACK)),

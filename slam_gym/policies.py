@@ -6,10 +6,12 @@ one through the entry-point group "slam_gym.policies"; a script through `registe
 
 import inspect
 import math
+import os
 from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass
 from importlib.metadata import entry_points
+from pathlib import Path
 from typing import Any, ClassVar, Self
 
 import numpy as np
@@ -21,12 +23,14 @@ from estimators.registry import unknown_name
 from slam_gym.actions import ActionMap
 from slam_gym.scenario import Scenario
 from slam_gym.scenario_fields import middle
+from slam_gym.specs import Spec
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 Bools = NDArray[np.bool_]
 
 ENTRY_POINT_GROUP = "slam_gym.policies"
+TRAINED = "learned"  # the policy that drives as a folder says
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -49,6 +53,7 @@ class PolicyContext:
     steering_rate: float = math.inf  # [rad/s], bicycle
     arena: tuple[float, float] = (20.0, 20.0)  # [m], width and height about the origin
     start: tuple[float, float, float] = (0.0, 0.0, 0.0)  # [m, m, rad], expected start pose
+    scenario: str = ""  # its name, by which a trained policy knows what it was trained for
 
     @property
     def dt(self) -> float:
@@ -80,6 +85,7 @@ class PolicyContext:
             steering_rate=middle(robot.steering_rate),
             arena=scenario.arena.size,
             start=(middle(robot.start[0]), middle(robot.start[1]), middle(robot.start[2])),
+            scenario=scenario.name,
         )
 
 
@@ -96,6 +102,7 @@ class Policy(ABC):
             carried out any more, and the episode may end.
         observation_options: of the observation, where one is needed: arguments of `slam_gym.observation.Observer`
             beside scenario and lanes ("nearest", "sectors").
+        weights: a digest of what was learned; a comparison is not resumed with others. Empty where nothing was.
     """
 
     summary: ClassVar[str] = ""  # one line for `slam-gym list`
@@ -108,6 +115,7 @@ class Policy(ABC):
         self.command: Floats = np.zeros((self.num_lanes, 2))  # [L, 2], physical, scratch of `act`
         self.finished: Bools = np.zeros(self.num_lanes, dtype=np.bool_)
         self.observation_options: dict[str, int] = {}
+        self.weights = ""
 
     @abstractmethod
     def reset(self, lanes: Ints, seeds: Ints) -> None:
@@ -169,6 +177,17 @@ def get(name: str) -> type[Policy]:
         if point.name == name:
             return point.load()
     raise ValueError(unknown_name("policy", name, names()))
+
+
+def parse(text: Any) -> Spec:
+    """A policy as people write it: a name with options as `Spec.parse` reads it, or the folder of a trained policy.
+
+    A name goes before a folder that is called the same; ./NAME is the folder.
+    """
+    spec = Spec.parse(text)
+    if not isinstance(text, str) or spec.name in names() or not (os.sep in text or Path(text).exists()):
+        return spec
+    return Spec(text.rstrip(os.sep), TRAINED, {"path": text})
 
 
 def options(name: str) -> dict[str, Any]:

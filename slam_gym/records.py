@@ -38,9 +38,10 @@ class Records:
         seed: [R] of its world.
         steps: [R] how many simulation steps it lasted.
         values: [R, T, F] what `METRIC` holds after each step, fields in its order.
-        age: [R, T] seconds since the target's last return (before the first: since the start).
+        age: [R, T] seconds since the target's last return (before the first: since the start); NaN without a target.
         time: [T] seconds since the start, at the end of each step.
         collisions: [R] counted contacts with pillars.
+        effort: [R] mean over steps of half the squared length of the action; NaN where nothing acted (a recording).
         counts: the estimator's own counters at the end, [R] each.
         timing: seconds in predict, lane-calls of predict, seconds in update, lane-calls of update.
         tracks: [n, TRACK] of the runs that are drawn.
@@ -54,6 +55,7 @@ class Records:
     age: Floats
     time: Floats
     collisions: Ints
+    effort: Floats
     counts: dict[str, Ints] = field(default_factory=dict)
     timing: Floats = field(default_factory=lambda: np.zeros(4))
     tracks: Floats = field(default_factory=lambda: np.empty((0, len(TRACK))))
@@ -92,6 +94,7 @@ class Records:
             age=self.age[chosen, :last],
             time=self.time[:last],
             collisions=self.collisions[chosen],
+            effort=self.effort[chosen],
             counts={name: values[chosen] for name, values in self.counts.items()},
             tracks=self.tracks[np.isin(self.tracks[:, 0], list(runs))],
             landmarks=self.landmarks[np.isin(self.landmarks[:, 0], list(runs))],
@@ -115,6 +118,7 @@ class Records:
             age=np.concatenate([_pad(part.age, steps) for part in parts])[order],
             time=longest.time,
             collisions=np.concatenate([part.collisions for part in parts])[order],
+            effort=np.concatenate([part.effort for part in parts])[order],
             counts={
                 name: np.concatenate([p.counts.get(name, zero) for p, zero in zip(parts, none, strict=True)])[order]
                 for name in names

@@ -104,7 +104,7 @@ class Run:
         """From start to end."""
         schedule, estimator = self.schedule, self.estimator
         num = len(schedule.sample_times)
-        values, age = np.full((1, num, len(FIELDS)), np.nan), np.full((1, num), np.inf)
+        values, age = np.full((1, num, len(FIELDS)), np.nan), np.full((1, num), np.nan)
         tracks = np.full((num, len(TRACK)), np.nan)
         sweeps, samples, steps = schedule.sweep.tolist(), schedule.sample.tolist(), schedule.dt.tolist()
         controls, ends = schedule.controls, schedule.times.tolist()
@@ -118,8 +118,10 @@ class Run:
             k = samples[i]
             if k != NONE:
                 values[0, k] = self._measure(k)
-                age[0, k] = ends[i] - last_seen
-                tracks[k] = self._track_row(k, age[0, k])
+                unseen = ends[i] - last_seen
+                tracks[k] = self._track_row(k, unseen)
+                if not np.isnan(self.target[k]).any():  # no target, nothing lost
+                    age[0, k] = unseen
         return Records(
             run=np.zeros(1, dtype=np.int64),
             seed=np.zeros(1, dtype=np.int64),
@@ -128,6 +130,7 @@ class Run:
             age=age,
             time=schedule.sample_times - schedule.start,
             collisions=np.zeros(1, dtype=np.int64),
+            effort=np.full(1, np.nan),  # a recorded robot was driven by somebody else
             counts=estimator.counts,
             timing=self.timing,
             tracks=tracks,

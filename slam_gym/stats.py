@@ -163,3 +163,46 @@ def paired_difference(
     tail = 0.5 * (1.0 - probability)
     low, high = np.quantile(difference[index].mean(axis=1), [tail, 1.0 - tail])
     return Paired(mean, float(low), float(high), n)
+
+
+@dataclass(frozen=True, slots=True)
+class Crossed:
+    """Mean of differences over seeds and worlds with its interval, over `seeds` x `worlds` of them."""
+
+    difference: float
+    low: float
+    high: float
+    seeds: int
+    worlds: int
+
+
+def crossed_difference(differences: ArrayLike, *, probability: float = 0.95) -> Crossed:
+    """Interval of a mean over training seeds that were all tried in the same worlds.
+
+    The training seed is the unit: what is claimed is claimed of the next training, not of these. In the two-way random
+    effects model d_ij = m + seed_i + world_j + e_ij the mean's variance is estimated by s2_seeds / k + s2_worlds / n,
+    from the k seeds' and the n worlds' own means; it counts e_ij twice, so the interval is a little too wide.
+    Degrees of freedom by Satterthwaite 1946.
+
+    Args:
+        differences: [k, n] of a metric, of each seed in each world, from the same baseline; worlds with a value that
+            is not finite are left out.
+        probability: of the interval.
+
+    Raises:
+        ValueError: fewer than two seeds.
+    """
+    x = np.atleast_2d(np.asarray(differences, dtype=np.float64))
+    if len(x) < 2:
+        raise ValueError(f"an interval over training seeds needs at least two; got {len(x)}")
+    x = x[:, np.isfinite(x).all(axis=0)]
+    k, n = x.shape
+    if n < 2:
+        return Crossed(float(x.mean()) if n else math.nan, -math.inf, math.inf, k, n)
+    seeds, worlds = float(x.mean(axis=1).var(ddof=1)) / k, float(x.mean(axis=0).var(ddof=1)) / n
+    mean, variance = float(x.mean()), seeds + worlds
+    if variance == 0.0:
+        return Crossed(mean, mean, mean, k, n)
+    dof = variance**2 / (seeds**2 / (k - 1) + worlds**2 / (n - 1))
+    half = float(student.ppf(0.5 + 0.5 * probability, dof) * math.sqrt(variance))
+    return Crossed(mean, mean - half, mean + half, k, n)

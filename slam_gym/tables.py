@@ -13,6 +13,7 @@ import pandas as pd
 from slam_gym.consistency import diverged, in95_run
 from slam_gym.metrics import LOST_AFTER
 from slam_gym.records import LANDMARK, TRACK, Records
+from slam_gym.reward import ERROR_CAP
 from slam_gym.stats import (
     Floats,
     Paired,
@@ -32,6 +33,9 @@ ERRORS = (
     "robot_error", "heading_error", "target_error", "target_error_rel", "target_velocity_error",
     "target_heading_error", "landmark_error", "landmark_gospa",
 )  # fmt: skip
+CAPPED = ("target_error", "target_error_rel")
+"""Errors that are also averaged with at most `ERROR_CAP` a step, and that much while the target is not known: else a
+policy that never finds it would have no error."""
 NEES = {"pose": 3, "target": 2, "target_state": 0, "landmark": 2}
 """Degrees of freedom; 0: those of the filter's own target model."""
 SERIES = ("robot_error", "heading_error", "target_error", "target_error_rel", "landmark_error",
@@ -47,8 +51,9 @@ PAIRED = {
 def run_table(key: tuple[str, str, str], records: Records, *, burn_in: int = 0, target_dof: int = 4) -> pd.DataFrame:
     """One row per run.
 
-    For each error its mean, RMSE and last value; for each NEES its mean, median and share inside one run's 95 %
-    bounds; target error (RMSE) and NEES (mean) by the time since the target was last seen; lost, diverged, counters.
+    For each error its mean, RMSE and last value, for those of the target also the capped mean (`CAPPED`); for each
+    NEES its mean, median and share inside one run's 95 % bounds; target error (RMSE) and NEES (mean) by the time since
+    the target was last seen; lost, diverged, counters.
 
     Args:
         key: scenario, policy, estimator.
@@ -63,11 +68,14 @@ def run_table(key: tuple[str, str, str], records: Records, *, burn_in: int = 0, 
         values = records[name][:, scored]
         columns[f"{name}_mean"], columns[f"{name}_rmse"] = row_mean(values), row_rms(values)
         columns[f"{name}_end"] = _last(records[name], records.steps)
+    age = records.age[:, scored]
+    for name in CAPPED:
+        capped = np.fmin(records[name][:, scored], ERROR_CAP)
+        columns[f"{name}_capped"] = row_mean(np.where(np.isnan(age), np.nan, capped))
     for kind, dof in NEES.items():
         values = records[f"{kind}_nees"][:, scored]
         columns[f"{kind}_nees_mean"], columns[f"{kind}_nees_median"] = row_mean(values), row_median(values)
         columns[f"{kind}_nees_in95_run"] = np.array([in95_run(row, dof or target_dof) for row in values])
-    age = records.age[:, scored]
     for suffix, values in split_by_age(records["target_error"][:, scored], age).items():
         columns[f"target_error_{suffix}"] = row_rms(values)
     for suffix, values in split_by_age(records["target_nees"][:, scored], age).items():
@@ -76,7 +84,7 @@ def run_table(key: tuple[str, str, str], records: Records, *, burn_in: int = 0, 
     columns["lost_end"] = _last(_lost(records.age), records.steps)
     columns["diverged"] = _diverged(records)
     columns["landmark_count"] = _last(records["landmark_count"], records.steps)
-    columns["collisions"] = records.collisions
+    columns["collisions"], columns["effort"] = records.collisions, records.effort
     columns.update({f"count_{name}": values for name, values in records.counts.items()})
     return pd.DataFrame(columns)
 
@@ -121,7 +129,8 @@ def summary_row(
     row["lost_share"], row["lost_end"] = mean_sd(runs["lost_share"])[0], mean_sd(runs["lost_end"])[0]
     row["diverged"] = int(runs["diverged"].sum())
     row["landmark_count"] = mean_sd(runs["landmark_count"])[0]
-    row["collisions"] = mean_sd(runs["collisions"])[0]
+    for name in ("collisions", "effort", *(f"{name}_capped" for name in CAPPED)):
+        row[name] = mean_sd(runs[name])[0]
     row["predict_us"] = _microseconds(records.timing[0], records.timing[1])
     row["update_us"] = _microseconds(records.timing[2], records.timing[3])
     return row

@@ -14,7 +14,8 @@ class Learned(Policy):
     """Drives as a policy file says, on the observation alone.
 
     The file is what `slam-gym train` writes: weights and JSON, no code; neither torch nor Stable-Baselines3 is needed.
-    An action lasts as long as it did in training, also where decisions are asked for more often.
+    An action lasts as long as it did in training, also where decisions are asked for more often. Where a policy is
+    named, the folder alone will do: `slam-gym watch --policy runs/mine`.
 
     Args:
         context: models and limits.
@@ -26,7 +27,7 @@ class Learned(Policy):
         OSError: nothing there.
     """
 
-    summary = "drives as a policy trained with `slam-gym train`: learned:path=runs/mine"
+    summary = "drives as a policy trained with `slam-gym train`: name its folder, runs/mine"
     needs_observation: ClassVar[bool] = True
 
     def __init__(self, context: PolicyContext, num_lanes: int = 1, *, path: str = "") -> None:
@@ -37,6 +38,7 @@ class Learned(Policy):
             )
         self.path = find_policy(Path(str(path)))
         self.settings, self.network = load_policy(self.path)
+        self.weights = self.settings["sha256"]
         kind = self.settings["action"]
         if context.action_map.kind != kind:
             raise ValueError(

@@ -169,9 +169,12 @@ def load_policy(folder: Path) -> tuple[dict[str, Any], Network]:
     settings = read_settings(folder)
     tensors = read_tensors(folder / WEIGHTS)
     try:
-        return settings, _network(settings, tensors)
+        network = _network(settings, tensors)
     except (KeyError, IndexError, TypeError) as error:
         raise ValueError(f"the policy in {str(folder)!r} is damaged: {type(error).__name__} {error}") from error
+    if hashlib.sha256((folder / WEIGHTS).read_bytes()).hexdigest() != settings["sha256"]:
+        raise ValueError(f"{WEIGHTS} in {str(folder)!r} is not the file that {SETTINGS} describes: another SHA-256")
+    return settings, network
 
 
 def _network(settings: Mapping[str, Any], tensors: Tensors) -> Network:

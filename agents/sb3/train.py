@@ -30,7 +30,7 @@ class Train:
       slam-gym train --seed 1 --resume    the same command with --resume: goes on after Ctrl-C, or for more --steps
 
       tensorboard --logdir runs                                          watch it learn
-      slam-gym compare --policies pursuit learned:path=runs/finder       and see what it has learned
+      slam-gym evaluate runs/finder          see what it has learned, in worlds that it was not trained in
     """
 
     algo: Literal["ppo", "sac"] = "ppo"
@@ -102,7 +102,7 @@ def summarise(trained: "Trained", console: Any) -> None:
     for line in (
         f"Policy: {trained.out / 'best'}",
         f"Weights of the latest: {trained.digest}",
-        f"Next: slam-gym compare --policies pursuit learned:path={trained.out}",
+        f"Next: slam-gym evaluate {trained.out}",
     ):
         console.print(line, soft_wrap=True, highlight=False)
 

@@ -44,7 +44,7 @@ class Compare:
     estimators: tuple[str, ...] = ()
     """Names, with options as NAME:key=value,key=value; none: the scenario's own choice."""
     policies: tuple[str, ...] = ()
-    """Who drives, written likewise; none: the scenario's own."""
+    """Who drives, written likewise, or the folder of a training; none: the scenario's own."""
     runs: int = 40
     """Worlds per scenario and policy."""
     seed: int = 0

@@ -34,7 +34,8 @@ class Run:
     estimators: tuple[str, ...] = ("ri-ekf",)
     """Estimators (`slam-gym list estimators`), options as slamto:particles=500; the policy acts on the first."""
     policy: str | None = None
-    """A policy (`slam-gym list policies`), with options as pursuit:stand_off=2; default: the scenario's own."""
+    """A policy (`slam-gym list policies`), with options as pursuit:stand_off=2, or the folder of a training; default:
+    the scenario's own."""
     set: tuple[str, ...] = ()
     """Scenario settings to change, such as sensor.max_range=5."""
     seed: int = 0

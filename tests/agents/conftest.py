@@ -1,13 +1,19 @@
 """A context, a belief that knows the truth, and a noise-free robot to drive policies with."""
 
+import hashlib
+import json
 import math
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
+from agents.sb3.policy_file import FORMAT
+from agents.sb3.tensors import to_bytes
 from estimators.models import MotionModel, SensorModel, TargetModel
+from slam_gym.observation import Observer
 from slam_gym.policies import PolicyContext
+from slam_gym.scenario import Scenario
 
 
 class LinearActionMap:
@@ -111,3 +117,27 @@ def drive(make_belief, move):
         return pose, np.array(commands)
 
     return run
+
+
+@pytest.fixture
+def write_policy():
+    """write_policy(folder, seed, **settings): a policy file of random weights, as if trained with those settings."""
+
+    def write(folder, seed=0, **settings):
+        rng = np.random.default_rng(seed)
+        size = Observer(Scenario.load("default"), 1).size
+        layer = {"weight": rng.normal(0.0, 0.1, (2, size)), "bias": rng.normal(0.0, 0.3, 2)}
+        content = to_bytes({f"policy.action_net.{name}": value.astype(np.float32) for name, value in layer.items()})
+        told = {"scenario": "default", "estimator": "ekf", "set": [], "seed": seed, **settings}
+        about = {
+            "format": FORMAT, "algorithm": "PPO", "policy_kwargs": {"activation_fn": "Tanh"}, "action": "twist",
+            "observation": {"size": size, "nearest_landmarks": 8, "sectors": 8}, "decision_dt": 0.4,
+            "normalisation": None, "sha256": hashlib.sha256(content).hexdigest(),
+            "training": {"settings": told, "hyperparameters": {"gamma": 0.98}},
+        }  # fmt: skip
+        folder.mkdir(parents=True)
+        (folder / "weights.safetensors").write_bytes(content)
+        (folder / "policy.json").write_text(json.dumps(about))
+        return str(folder)
+
+    return write

@@ -31,6 +31,7 @@ def records(runs=4, steps=50, *, scale=1.0, seed=0, first=0):
         age=np.tile(0.1 * np.arange(steps), (runs, 1)),
         time=0.1 * np.arange(1, steps + 1),
         collisions=np.zeros(runs, dtype=np.int64),
+        effort=np.full(runs, 0.25),
         counts={"gated": np.arange(runs)},
         timing=np.array([1e-3, 1000.0, 3e-3, 1000.0]),
         tracks=track,

@@ -89,3 +89,24 @@ def test_pairs_with_a_broken_run_are_counted_out():
 def test_wrong_calls_are_explained(call, message):
     with pytest.raises(ValueError, match=message):
         stats.paired_difference(**call)
+
+
+@pytest.mark.parametrize(("seed_std", "world_std"), [(0.3, 0.0), (0.3, 2.0), (0.0, 2.0)])
+def test_intervals_over_seeds_and_worlds_hold_the_truth(seed_std, world_std):
+    """Whether the seeds, the worlds or both make the spread; pairs alone would miss the seeds' share."""
+    rng = np.random.default_rng(1)
+    inside, trials = 0, 300
+    for _ in range(trials):
+        x = 0.5 + seed_std * rng.standard_normal((5, 1)) + world_std * rng.standard_normal((1, 60))
+        found = stats.crossed_difference(x + 0.5 * rng.standard_normal((5, 60)))
+        inside += found.low <= 0.5 <= found.high
+    assert 0.92 <= inside / trials <= 1.0
+    assert (found.seeds, found.worlds) == (5, 60)
+
+
+def test_an_interval_over_seeds_leaves_out_worlds_with_a_broken_run():
+    found = stats.crossed_difference([[1.0, 2.0, np.inf], [1.0, 2.0, 3.0]])
+    assert (found.difference, found.worlds) == (1.5, 2)
+    assert stats.crossed_difference([[1.0, np.nan], [1.0, 2.0]]).high == math.inf
+    with pytest.raises(ValueError, match="at least two; got 1"):
+        stats.crossed_difference([[1.0, 2.0]])

@@ -223,6 +223,15 @@ def test_damaged_files_are_named(folder, tmp_path):
             read(**wrong)
 
 
+def test_weights_that_are_not_those_described_are_refused(folder, tmp_path):
+    tensors = read_tensors(folder / "weights.safetensors")
+    tensors["policy.action_net.bias"][0] += 0.5
+    (tmp_path / "weights.safetensors").write_bytes(to_bytes(tensors))
+    (tmp_path / "policy.json").write_text((folder / "policy.json").read_text())
+    with pytest.raises(ValueError, match=r"not the file that policy\.json describes: another SHA-256"):
+        load_policy(tmp_path)
+
+
 def test_other_models_are_not_written(tmp_path):
     model = sb3.TD3("MlpPolicy", make_venv(), device="cpu")
     with pytest.raises(ValueError, match="holds PPO or SAC; got TD3"):

@@ -13,10 +13,21 @@ pytest.importorskip("stable_baselines3")
 
 from agents.sb3.evaluation import evaluate
 from agents.sb3.policy_file import load_policy, read_settings
+from agents.sb3.tensors import read_tensors
 from agents.sb3.train import Train, describe
-from agents.sb3.training import check_numbers, load_scenario, make_environment, train
+from agents.sb3.training import (
+    EVALUATION_SEEDS,
+    TRAINING_SEEDS,
+    build,
+    check_numbers,
+    load_scenario,
+    make_environment,
+    read_hyperparameters,
+    train,
+)
+from estimators.kernels.random import lane_key
 from slam_gym import cli
-from slam_gym.evaluation_plan import WORLD_SEEDS, run_seeds
+from slam_gym.evaluation_plan import POLICY_SEEDS, WORLD_SEEDS, run_seeds
 from slam_gym.scenario import Scenario
 
 PPO = Train(
@@ -78,14 +89,19 @@ def test_the_policy_file_earns_what_the_evaluation_says(trained):
         network.act(observations, np.arange(len(observations)), action)
         return action
 
-    seeds = run_seeds(PPO.seed, 202, range(PPO.evaluation_runs)).tolist()
+    seeds = run_seeds(PPO.seed, EVALUATION_SEEDS, range(PPO.evaluation_runs)).tolist()
     assert evaluate(act, envs, seeds)["return"] == pytest.approx(run.best["return"], abs=0.5)
 
 
 def test_the_same_command_gives_the_same_weights(trained, tmp_path):
-    again = train(PPO, tmp_path)
-    assert again.digest == trained[0].digest
-    assert again.rows == trained[0].rows
+    again, first = train(PPO, tmp_path), trained[0]
+    assert again.digest == first.digest
+    assert again.rows == first.rows
+    for name in ("best", "latest"):  # the tensors themselves, not only what the file says of them
+        one, other = (read_tensors(run.out / name / "weights.safetensors") for run in (first, again))
+        assert list(one) == list(other)
+        assert all(np.array_equal(one[key], other[key]) for key in one)
+    assert train(replace(PPO, seed=4, steps=512), tmp_path / "other").digest != first.digest
 
 
 class StopError(Exception):
@@ -126,11 +142,22 @@ def test_a_folder_is_not_overwritten_and_other_settings_are_not_resumed(trained,
         train(replace(PPO, resume=True), tmp_path)
 
 
-def test_worlds_of_training_evaluation_and_comparison_differ():
-    from agents.sb3.training import EVALUATION_SEEDS, TRAINING_SEEDS
+def test_worlds_of_training_evaluation_and_comparison_never_overlap():
+    """Whatever the seeds: a policy is not selected in worlds that it was trained in, nor judged in either."""
+    purposes = (TRAINING_SEEDS, EVALUATION_SEEDS, WORLD_SEEDS, POLICY_SEEDS)
+    seeds = [run_seeds(seed, purpose, range(300)) for seed in range(5) for purpose in purposes]
+    assert len(np.unique(np.concatenate(seeds))) == 5 * len(purposes) * 300
 
-    seeds = [run_seeds(0, purpose, range(200)) for purpose in (TRAINING_SEEDS, EVALUATION_SEEDS, WORLD_SEEDS)]
-    assert len(np.unique(np.concatenate(seeds))) == 600
+
+def test_training_and_selection_happen_in_the_worlds_of_their_purpose():
+    scenario = load_scenario(PPO)
+    model = build(PPO, scenario, read_hyperparameters(PPO, scenario))
+    model.env.reset()
+    world = model.env.unwrapped.envs.unwrapped.simulation.world
+    expected = [lane_key(int(seed)) for seed in run_seeds(PPO.seed, TRAINING_SEEDS, range(PPO.num_envs))]
+    assert list(world.key) == expected
+    judged = run_seeds(PPO.seed, WORLD_SEEDS, range(1000)).tolist()
+    assert not set(expected) & {lane_key(seed) for seed in judged}
 
 
 def test_how_long_an_action_lasts():
@@ -154,7 +181,7 @@ def test_the_command_prints_where_the_policy_is(capsys, tmp_path):
     words += ["--estimator", "ekf", "--hyperparams", "n_steps=32", "batch_size=64", "--out", str(tmp_path / "run")]
     assert cli.main(words) == 0
     said = capsys.readouterr()
-    assert f"slam-gym compare --policies pursuit learned:path={tmp_path / 'run'}" in said.out
+    assert f"slam-gym evaluate {tmp_path / 'run'}" in said.out
     assert "256 decisions: return" in said.err
 
 
