@@ -70,7 +70,7 @@ class Independent(Estimator):
         motion, sensor, target, num_lanes, max_landmarks: see `Estimator`.
         slam: name of the SLAM filter; it runs without a target.
         slam_options: its options.
-        association: "known" or "nearest", of both filters.
+        association: "known", "nearest" or "jcbb", of both filters.
         gate: NIS (2 dof) above which the target's labelled return is rejected.
     """
 
@@ -87,7 +87,7 @@ class Independent(Estimator):
         max_landmarks: int,
         slam: str = "ekf",
         slam_options: dict[str, Any] | None = None,
-        association: Literal["known", "nearest"] = "known",
+        association: Literal["known", "nearest", "jcbb"] = "known",
         gate: float = np.inf,
     ) -> None:
         super().__init__(motion, sensor, target, num_lanes=num_lanes, max_landmarks=max_landmarks)

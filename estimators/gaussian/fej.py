@@ -14,7 +14,7 @@ from estimators.gaussian.layout import Call, GaussianEstimator
 from estimators.gaussian.sweep import UNLIKELY, UNUSABLE, USED, associate, limit_of, note
 from estimators.interface import Floats, Ints, Scan
 from estimators.kernels.angles import wrap
-from estimators.kernels.association import NEAREST, TARGET_SLOT
+from estimators.kernels.association import KNOWN, TARGET_SLOT
 from estimators.kernels.bound import LATER
 from estimators.kernels.gaussian import (
     ROBOT,
@@ -182,7 +182,7 @@ def update_one(
     # The initialisation Jacobian is taken at p_{k|k-1} too, or some runs diverge under strong noise.
     grow(
         lane, mu, P, model, n_t, count, ids, first, next_id, target_known, pending, counters, ranges, bearings, labels,
-        num_returns, code == NEAREST, slots, anchor[lane, 0], anchor[lane, 1], held_x, held_y, last_dt[lane],
+        num_returns, code != KNOWN, slots, anchor[lane, 0], anchor[lane, 1], held_x, held_y, last_dt[lane],
     )  # fmt: skip
     if target_known[lane] != known or (pending[lane, 0] > 0.0) != held:
         anchor_target(mu, lane, n_t, anchor)

@@ -10,7 +10,7 @@ from estimators.gaussian.layout import Call, GaussianEstimator
 from estimators.gaussian.sweep import UNLIKELY, UNUSABLE, USED, associate, limit_of, note
 from estimators.interface import BoundCalls, Floats, Ints, Scan, TruthAware
 from estimators.kernels.angles import wrap
-from estimators.kernels.association import NEAREST, TARGET_SLOT
+from estimators.kernels.association import KNOWN, TARGET_SLOT
 from estimators.kernels.bound import LATER
 from estimators.kernels.gaussian import (
     ROBOT,
@@ -152,7 +152,7 @@ def update_one(
         mu[lane, 5] = wrap(mu[lane, 5])
     for k in range(num_returns):
         slot = slots[lane, k]
-        label = next_id[lane] if code == NEAREST else labels[lane, k]
+        label = next_id[lane] if code != KNOWN else labels[lane, k]
         if not admits(slot, label, lane, count, ids, target_known, counters):
             continue
         dx, dy = offset(ranges[lane, k], bearings[lane, k], mu[lane, 2])

@@ -14,7 +14,7 @@ from estimators.gaussian.layout import Call, GaussianEstimator
 from estimators.gaussian.sweep import UNLIKELY, UNUSABLE, USED, associate, limit_of, note
 from estimators.interface import Floats, Scan
 from estimators.kernels.angles import wrap
-from estimators.kernels.association import NEAREST, TARGET_SLOT
+from estimators.kernels.association import KNOWN, TARGET_SLOT
 from estimators.kernels.borrow import borrow
 from estimators.kernels.bound import LATER
 from estimators.kernels.gaussian import ROBOT, nis_and_log_det, rows_in_use, shear
@@ -160,7 +160,7 @@ def update_one(
     retract(mu, P, work, lane, n, rows, n_t, count[lane], own_heading)
     grow(
         lane, mu, P, model, n_t, count, ids, first, next_id, target_known, pending, counters, ranges, bearings, labels,
-        num_returns, code == NEAREST, slots, mu[lane, 0], mu[lane, 1], mu[lane, ROBOT], mu[lane, ROBOT + 1],
+        num_returns, code != KNOWN, slots, mu[lane, 0], mu[lane, 1], mu[lane, ROBOT], mu[lane, ROBOT + 1],
         last_dt[lane],
     )  # fmt: skip
 

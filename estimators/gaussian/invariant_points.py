@@ -21,7 +21,7 @@ from estimators.gaussian.sweep import UNLIKELY, UNUSABLE, USED, associate, limit
 from estimators.gaussian.taylor_net import fit_net, from_beam, root_of, seen, slopes, to_beam, turned
 from estimators.interface import Floats, Scan
 from estimators.kernels.angles import wrap
-from estimators.kernels.association import NEAREST, TARGET_SLOT
+from estimators.kernels.association import KNOWN, TARGET_SLOT
 from estimators.kernels.bound import LATER
 from estimators.kernels.gaussian import ROBOT, nis_and_log_det, rows_in_use
 from estimators.kernels.jit import inline, jit
@@ -133,7 +133,7 @@ def update_one(
             note(outcome, nis, is_target, mu, P, lane, n, n_t, model, target_known, pending, counters)
     grow(
         lane, mu, P, model, n_t, count, ids, first, next_id, target_known, pending, counters, ranges, bearings, labels,
-        num_returns, code == NEAREST, slots, mu[lane, 0], mu[lane, 1], mu[lane, ROBOT], mu[lane, ROBOT + 1],
+        num_returns, code != KNOWN, slots, mu[lane, 0], mu[lane, 1], mu[lane, ROBOT], mu[lane, ROBOT + 1],
         last_dt[lane],
     )  # fmt: skip
 

@@ -20,9 +20,10 @@ from estimators.gaussian.belief import fill_core, fill_map
 from estimators.gaussian.sweep import COUNTERS
 from estimators.gaussian.vague_target import forget_vague
 from estimators.interface import Belief, BoundCalls, Estimator, Floats, Ints, Scan
-from estimators.kernels.association import KNOWN, NEAREST
+from estimators.kernels.association import JCBB, KNOWN, NEAREST
 from estimators.kernels.bound import LATER, bind, chain
 from estimators.kernels.gaussian import BLOCK, ROBOT
+from estimators.kernels.joint_compatibility import joint_gates, scratch_shape
 from estimators.kernels.left_looking import scratch
 from estimators.kernels.simd import aligned_zeros
 from estimators.models import MotionModel, SensorModel, TargetModel
@@ -32,7 +33,7 @@ NEW_GATE = 25.0  # NIS beyond which an unlabelled return is a landmark of its ow
 Call = tuple[Any, ...]
 """A kernel and its arguments, `LATER` in the place of the lanes."""
 
-_ASSOCIATIONS = {"known": KNOWN, "nearest": NEAREST}
+_ASSOCIATIONS = {"known": KNOWN, "nearest": NEAREST, "jcbb": JCBB}
 _STATE = ("mu", "P", "count", "ids", "first", "next_id", "target_known", "pending", "counters", "last_dt", "models")
 
 
@@ -41,11 +42,13 @@ class GaussianEstimator(Estimator):
 
     Args:
         motion, sensor, target, num_lanes, max_landmarks: see `Estimator`.
-        association: "known", by the labels of the returns; "nearest", gated maximum likelihood with mutual exclusion
-            (labels other than TARGET are not looked at).
+        association: "known", by the labels of the returns; "nearest", gated maximum likelihood with mutual exclusion,
+            or "jcbb", the largest jointly compatible set of pairings (`kernels.joint_compatibility`); in the last two
+            labels other than TARGET are not looked at.
         gate: NIS (2 dof) above which a labelled return is rejected; infinity: none.
-        match_gate: NIS below which "nearest" may match a return to a landmark or the target.
-        new_gate: NIS above which, against everything, "nearest" makes a return a new landmark; what lies between
+        match_gate: NIS below which an unlabelled return may be matched to a landmark or the target; "jcbb" tests sets
+            of pairings at the same level.
+        new_gate: NIS above which, against everything, an unlabelled return is a new landmark; what lies between
             the two gates is dropped.
         budget: largest number of landmarks kept; beyond it the least valuable are marginalised. None: no budget.
     """
@@ -58,7 +61,7 @@ class GaussianEstimator(Estimator):
         *,
         num_lanes: int = 1,
         max_landmarks: int,
-        association: Literal["known", "nearest"] = "known",
+        association: Literal["known", "nearest", "jcbb"] = "known",
         gate: float = math.inf,
         match_gate: float = MATCH_GATE,
         new_gate: float = NEW_GATE,
@@ -73,8 +76,9 @@ class GaussianEstimator(Estimator):
         if new_gate < match_gate:
             raise ValueError(f"new_gate must be at least match_gate ({match_gate}); got {new_gate}")
         self.association = association
-        self.gates: Floats = np.array([gate, match_gate, new_gate])
         self.association_code = _ASSOCIATIONS[association]
+        joint = joint_gates(match_gate, max_landmarks + 1) if self.association_code == JCBB else ()
+        self.gates: Floats = np.array([gate, match_gate, new_gate, *joint])
         self._allocate()
         self.budget = self._make_budget(budget)
 
@@ -174,7 +178,9 @@ class GaussianEstimator(Estimator):
         """Give the scratch of an association room for sweeps of that width."""
         if width > self.slots.shape[1]:
             self.slots = np.zeros((self.num_lanes, width), dtype=np.int64)
-            self.cost = np.zeros((width, self.max_landmarks + 1))
+            joint = self.association_code == JCBB
+            shape = scratch_shape(width, self.max_landmarks) if joint else (width, self.max_landmarks + 1)
+            self.cost = np.zeros(shape)
 
     def _corrections(self, scan: Scan) -> list[Call]:
         """What an update consists of, in order."""

@@ -30,7 +30,7 @@ from estimators.gaussian.sweep import (
 )
 from estimators.interface import Floats, Scan
 from estimators.kernels.angles import wrap
-from estimators.kernels.association import NEAREST, NEW, TARGET_SLOT, slot_of
+from estimators.kernels.association import KNOWN, NEW, TARGET_SLOT, slot_of
 from estimators.kernels.bound import LATER
 from estimators.kernels.gaussian import ROBOT, drift_velocity, nis_and_log_det, rows_in_use
 from estimators.kernels.jit import inline, jit
@@ -181,7 +181,7 @@ def update(
             mu[lane, 5] = wrap(mu[lane, 5])
         grow_by_points(
             lane, mu, P, model, n_t, count, ids, first, next_id, target_known, pending, counters, ranges, bearings,
-            labels, K, code == NEAREST, slots, last_dt[lane], rule, C, D1, D2, E,
+            labels, K, code != KNOWN, slots, last_dt[lane], rule, C, D1, D2, E,
         )  # fmt: skip
 
 

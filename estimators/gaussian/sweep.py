@@ -1,8 +1,9 @@
 """What every filter's update shares: association before it, and the book-keeping of returns that were not used."""
 
-from estimators.kernels.association import DROPPED, NEAREST, nearest, slot_by_label
+from estimators.kernels.association import DROPPED, JCBB, NEAREST, nearest, slot_by_label
 from estimators.kernels.gaussian import ROBOT, clear_rows
 from estimators.kernels.jit import inline
+from estimators.kernels.joint_compatibility import jcbb
 
 COUNTERS = (
     "gate_rejected",  # a labelled return outside `gate`
@@ -10,8 +11,9 @@ COUNTERS = (
     "overflow",  # a new landmark beyond `max_landmarks`
     "reinitialised",  # the target started anew from a return beyond `reinitialise_nis`
     "dropped",  # a return not used: not finite, ambiguous, without a usable label, a second one of a new landmark
+    "search_cut",  # a sweep in which "jcbb" ran out of nodes and took the best association found by then
 )
-GATE_REJECTED, NOT_POSITIVE, OVERFLOW, REINITIALISED, DROPPED_RETURN = range(len(COUNTERS))
+GATE_REJECTED, NOT_POSITIVE, OVERFLOW, REINITIALISED, DROPPED_RETURN, SEARCH_CUT = range(len(COUNTERS))
 
 USED, UNUSABLE, UNLIKELY = 0, 1, 2  # what became of a return
 
@@ -21,12 +23,21 @@ def associate(
     lane, mu, P, model, n_t, count, ids, target_known, counters, ranges, bearings, labels, num_returns, code, gates,
     cost, slots,
 ):  # fmt: skip
-    """Fill `slots` for one lane's sweep, before anything is updated. gates: (gate, match_gate, new_gate)."""
+    """Fill `slots` for one lane's sweep, before anything is updated.
+
+    gates: (gate, match_gate, new_gate), for "jcbb" with `joint_gates` behind them.
+    """
     if code == NEAREST:
         nearest(
             lane, mu, P, model, n_t, count[lane], target_known[lane], ranges, bearings, labels, num_returns, gates[1],
             gates[2], cost, slots,
         )  # fmt: skip
+    elif code == JCBB:
+        complete = jcbb(
+            lane, mu, P, model, n_t, count[lane], target_known[lane], ranges, bearings, labels, num_returns, gates[1],
+            gates[2], gates[3:], cost, slots,
+        )  # fmt: skip
+        counters[lane, SEARCH_CUT] += not complete
     else:
         for k in range(num_returns):
             slots[lane, k] = slot_by_label(

@@ -20,7 +20,7 @@ from estimators.gaussian.sweep import UNLIKELY, UNUSABLE, USED, associate, limit
 from estimators.gaussian.taylor_net import fit_net, from_beam, root_of, to_beam
 from estimators.interface import Scan
 from estimators.kernels.angles import wrap
-from estimators.kernels.association import NEAREST, TARGET_SLOT
+from estimators.kernels.association import KNOWN, TARGET_SLOT
 from estimators.kernels.bound import LATER
 from estimators.kernels.gaussian import ROBOT, downdate, nis_and_log_det, rows_in_use
 from estimators.kernels.jit import inline, jit
@@ -124,7 +124,7 @@ def update_one(
             mu[lane, 5] = wrap(mu[lane, 5])
     grow(
         lane, mu, P, model, n_t, count, ids, first, next_id, target_known, pending, counters, ranges, bearings, labels,
-        num_returns, code == NEAREST, slots, anchor[lane, 0], anchor[lane, 1], held_x, held_y, last_dt[lane],
+        num_returns, code != KNOWN, slots, anchor[lane, 0], anchor[lane, 1], held_x, held_y, last_dt[lane],
     )  # fmt: skip
     if target_known[lane] != known or (pending[lane, 0] > 0.0) != held:
         anchor_target(mu, lane, n_t, anchor)

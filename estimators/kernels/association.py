@@ -11,7 +11,7 @@ from estimators.kernels.gaussian import ROBOT, innovation_cov, nis_and_log_det
 from estimators.kernels.jit import inline, jit
 from estimators.kernels.range_bearing import gradient, measure, noise_std, usable
 
-KNOWN, NEAREST = 0, 1
+KNOWN, NEAREST, JCBB = 0, 1, 2
 TARGET_SLOT = -2  # the return is the target's
 NEW = -3  # a landmark not yet in the map
 DROPPED = -4  # neither: unusable, ambiguous, or without a label that could be used
@@ -56,6 +56,42 @@ def predicted_fit(mu, P, model, lane, j, distance, bearing):
 
 
 @jit
+def fit_pairs(
+    lane, mu, P, model, n_t, count, target_known, ranges, bearings, labels, num_returns, match_gate, new_gate,
+    det_weight, cost, slots,
+):  # fmt: skip
+    """How well each return fits each landmark and the target; and what a return is if it finds no partner.
+
+    Args:
+        det_weight: a pair inside `match_gate` (NIS, 2 dof) costs NIS + det_weight log det S; others are `FAR`.
+        cost: [K, >= count + 1] written; the last used column is the target's.
+        slots: [L, K] written: TARGET_SLOT by label, DROPPED where unusable or inside `new_gate` of something, or NEW.
+    """
+    target_taken = False
+    for k in range(num_returns):
+        distance, bearing, label = ranges[lane, k], bearings[lane, k], labels[lane, k]
+        slots[lane, k] = NEW
+        if not usable(distance, bearing):
+            slots[lane, k] = DROPPED
+        elif label == TARGET:
+            slots[lane, k] = TARGET_SLOT if n_t > 0 else DROPPED
+            target_taken = target_taken or n_t > 0
+        for column in range(count + 1):
+            cost[k, column] = FAR
+            if slots[lane, k] == TARGET_SLOT or (column == count and not target_known):
+                continue
+            j = ROBOT if column == count else ROBOT + n_t + 2 * column
+            nis, log_det = predicted_fit(mu, P, model, lane, j, distance, bearing)
+            if nis <= match_gate:
+                cost[k, column] = nis + det_weight * log_det
+            if not nis > new_gate and slots[lane, k] == NEW:
+                slots[lane, k] = DROPPED
+    if target_taken:
+        for k in range(num_returns):
+            cost[k, count] = FAR
+
+
+@jit
 def nearest(
     lane, mu, P, model, n_t, count, target_known, ranges, bearings, labels, num_returns, match_gate, new_gate, cost,
     slots,
@@ -70,29 +106,10 @@ def nearest(
         cost: [K, >= count + 1] scratch; the last used column is the target's.
         slots: [L, K] the answer.
     """
-    for k in range(num_returns):
-        distance, bearing, label = ranges[lane, k], bearings[lane, k], labels[lane, k]
-        slots[lane, k] = NEW
-        if not usable(distance, bearing):
-            slots[lane, k] = DROPPED
-        elif label == TARGET:
-            slots[lane, k] = TARGET_SLOT if n_t > 0 else DROPPED
-        for column in range(count + 1):
-            cost[k, column] = FAR
-            if slots[lane, k] == TARGET_SLOT or (column == count and not target_known):
-                continue
-            j = ROBOT if column == count else ROBOT + n_t + 2 * column
-            nis, log_det = predicted_fit(mu, P, model, lane, j, distance, bearing)
-            if nis <= match_gate:
-                cost[k, column] = nis + log_det
-            if not nis > new_gate and slots[lane, k] == NEW:
-                slots[lane, k] = DROPPED
-    target_taken = False
-    for k in range(num_returns):
-        target_taken = target_taken or slots[lane, k] == TARGET_SLOT
-    if target_taken:
-        for k in range(num_returns):
-            cost[k, count] = FAR
+    fit_pairs(
+        lane, mu, P, model, n_t, count, target_known, ranges, bearings, labels, num_returns, match_gate, new_gate, 1.0,
+        cost, slots,
+    )  # fmt: skip
     _cheapest_first(cost, num_returns, count, lane, slots)
 
 

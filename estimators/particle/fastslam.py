@@ -150,7 +150,7 @@ class FastSLAM2(SLAMTO):
         """See `Estimator.update`: poses conditioned and drawn, then the maps."""
         chosen = self.all_lanes if lanes is None else lanes
         self._resample(chosen)
-        self._widen(scan.ranges.shape[1])
+        self._widen(scan)
         if self.association == "known":
             propose_lanes(
                 chosen, scan.ranges, scan.bearings, scan.labels, scan.count, self._proposed, self.models, self._state,

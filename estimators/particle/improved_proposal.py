@@ -288,7 +288,7 @@ class RBPF(FastSLAM2):
         """See `Estimator.update`: poses improved and drawn, then the maps."""
         chosen = self.all_lanes if lanes is None else lanes
         self._resample(chosen)
-        self._widen(scan.ranges.shape[1])
+        self._widen(scan)
         if len(self._slots) < scan.ranges.shape[1]:
             width = scan.ranges.shape[1]
             self._looks, self._slots = np.zeros((width, LOOK)), np.zeros(width, dtype=np.int64)

@@ -10,7 +10,7 @@ from estimators.kernels.random import lane_key
 from estimators.models import TWIST, MotionModel, SensorModel, TargetModel
 from estimators.particle.belief import fill_map_lanes, fill_pose_lanes, fill_target_lanes
 from estimators.particle.layout import EVENTS, HEADINGS, LANE, TWIST_ROWS, VELOCITY_ROWS
-from estimators.particle.map_storage import SIZES, allocate, clear, grown
+from estimators.particle.map_storage import DENSE, STORES, allocate, bytes_in_use, clear, make_room
 from estimators.particle.nearest import update_nearest_lanes
 from estimators.particle.proposal import draw_start
 from estimators.particle.steps import move_lanes, resample_lanes, update_lanes
@@ -18,7 +18,6 @@ from estimators.particle.target import predict_twist_lanes, predict_velocity_lan
 
 _KEY_PURPOSE = 17  # keeps the filter's stream apart from a world's that is given the same seed
 _ASSOCIATIONS = ("known", "nearest")
-_STORES = ("lazy", "dense")
 _SCRATCH_ROWS = 23
 _STATE = (
     "state", "pose", "pose_cov", "log_w", "w", "used", "ids", "maps", "points", "ancestors", "index", "target",
@@ -73,9 +72,10 @@ class SLAMTO(Estimator):
             refused; infinite by default.
         match_gate, new_gate: "nearest": a return within `match_gate` of a landmark is its; outside `new_gate` of
             all it is a new landmark; between the two it is left alone.
-        map_storage: "lazy" puts a landmark's column into the particles' order when it is seen again, "dense" moves the
-            whole map at each resampling: the same numbers bit for bit, see `particle.map_storage`. "nearest" reads
-            every column in every sweep and is always dense.
+        map_storage: "lazy" puts a landmark's column into the particles' order when it is seen again, "tree" is the
+            shared binary tree of Wang et al. 2019, "dense" moves the whole map at each resampling: the same numbers
+            bit for bit, see `particle.map_storage`, and `map_bytes`. "nearest" reads every column in every sweep and
+            is always dense.
     """
 
     name: ClassVar[str] = "slamto"
@@ -96,7 +96,7 @@ class SLAMTO(Estimator):
         gate: float = np.inf,
         match_gate: float = 16.0,
         new_gate: float = 25.0,
-        map_storage: Literal["lazy", "dense"] = "lazy",
+        map_storage: Literal["lazy", "tree", "dense"] = "lazy",
     ) -> None:
         super().__init__(motion, sensor, target, num_lanes=num_lanes, max_landmarks=max_landmarks)
         if particles < 2:
@@ -111,10 +111,10 @@ class SLAMTO(Estimator):
                 f"new_gate={new_gate}"
             )
         self.num_particles, self.resample_threshold = int(particles), float(resample_threshold)
-        if map_storage not in _STORES:
-            raise ValueError(f"map_storage must be one of {', '.join(map(repr, _STORES))}; got {map_storage!r}")
+        if map_storage not in STORES:
+            raise ValueError(f"map_storage must be one of {', '.join(map(repr, STORES))}; got {map_storage!r}")
         self.association = association
-        self._lazy = map_storage == "lazy" and association == "known"
+        self._store = STORES[map_storage] if association == "known" else DENSE
         self.gate, self.match_gate, self.new_gate = float(gate), float(match_gate), float(new_gate)
         self._allocate()
         self.reset(np.zeros(3), np.zeros((3, 3)), seeds=np.arange(self.num_lanes))
@@ -130,7 +130,7 @@ class SLAMTO(Estimator):
         self._log_w, self._w = np.zeros((L, N)), np.zeros((L, N))
         self._used = np.zeros((L, N), dtype=np.int64)
         self._ids = np.full((L, M), -1, dtype=np.int64)
-        self._maps, self._points, self._ancestors, self._index = allocate(L, M, N, self._lazy)
+        self._maps, self._points, self._ancestors, self._index = allocate(L, M, N, self._store)
         self._target = np.zeros((L, hypotheses, rows, N))
         self._log_hypothesis = np.zeros((L, hypotheses, N))
         self._scratch = np.zeros((_SCRATCH_ROWS, N))
@@ -156,7 +156,7 @@ class SLAMTO(Estimator):
         self._state[chosen] = np.zeros((), dtype=LANE)
         self._ids[chosen] = -1
         cleared = self._index[chosen]
-        clear(cleared, self._maps.shape[1], self._lazy)
+        clear(cleared, self._maps.shape[1], self._store, self.max_landmarks)
         self._index[chosen] = cleared
         self._log_w[chosen], self._w[chosen], self._used[chosen] = 0.0, 1.0 / self.num_particles, 0
         for i, lane in enumerate(chosen):
@@ -192,7 +192,7 @@ class SLAMTO(Estimator):
         """See `Estimator.update`: EKFs inside each particle, then the weights."""
         chosen = self.all_lanes if lanes is None else lanes
         self._resample(chosen)
-        self._widen(scan.ranges.shape[1])
+        self._widen(scan)
         if self.association == "known":
             update_lanes(
                 chosen, scan.ranges, scan.bearings, scan.labels, scan.count, self._proposed, self.models, self._state,
@@ -207,10 +207,13 @@ class SLAMTO(Estimator):
             )  # fmt: skip
         self.belief.mark_stale()
 
-    def _widen(self, width: int) -> None:
-        """Room for `width` returns: scratch, and columns for what they may touch."""
-        if self._lazy and self._maps.shape[1] <= self.max_landmarks and self._index[:, SIZES, 0].min() <= width:
-            self._maps = grown(self._maps, self._index, width + 1, self.max_landmarks)
+    def _widen(self, scan: Scan) -> None:
+        """Room for a sweep: scratch, and space in the map for what it may touch."""
+        width = scan.ranges.shape[1]
+        if self._store != DENSE:
+            self._maps, self._points, self._ancestors = make_room(
+                self._maps, self._points, self._ancestors, self._index, int(scan.count.max()), self.max_landmarks
+            )
         if self._proposed.shape[1] < width:
             self._proposed = np.zeros((self.num_lanes, width), dtype=np.int64)
         if self.association != "known" and self._returns[0].shape[0] < width:
@@ -256,6 +259,16 @@ class SLAMTO(Estimator):
     def particles(self, lane: int) -> tuple[Floats, Floats]:
         """See `Belief.particles`."""
         return self._pose[lane].T.copy(), self._w[lane].copy()
+
+    def map_bytes(self) -> Ints:
+        """Bytes that hold each lane's maps of all particles at this moment: [L].
+
+        Counted is what the numbers and the links between them need: "dense", five doubles per landmark and particle;
+        "lazy", the columns in use, the collapsed landmarks, the rows of ancestors in use and two links per landmark;
+        "tree", the leaves and nodes that somebody refers to, the roots, and columns not yet put back. Room kept for
+        later (unused buffers and nodes) is not counted.
+        """
+        return bytes_in_use(self._maps, self._points, self._ancestors, self._index, self._state["count"])
 
     def get_state(self) -> dict[str, Any]:
         """See `Estimator.get_state`."""

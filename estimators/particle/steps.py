@@ -14,7 +14,7 @@ from estimators.kernels.resampling import move_columns, moves, normalise, system
 from estimators.models import NO_TARGET, TWIST
 from estimators.particle.columns import gather_weights, share_outside, start_column, update_column
 from estimators.particle.layout import DRAW_MOTION, DRAW_RESAMPLE, HEADINGS, OPEN, REFUSED
-from estimators.particle.map_storage import move_particles, open_column
+from estimators.particle.map_storage import move_particles, open_column, put_away
 from estimators.particle.proposal import draw_normals, move, trigonometry
 from estimators.particle.target import (
     apply_terms,
@@ -194,6 +194,7 @@ def resample_lanes(
     """Systematic resampling in the lanes where it is due. places: [3, N] integer scratch."""
     copies, source, destination = places[0], places[1], places[2]
     for lane in lanes:
+        put_away(maps[lane], points[lane], ancestors[lane], index[lane])
         if state[lane].due == 0:
             continue
         state[lane].due = 0

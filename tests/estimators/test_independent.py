@@ -101,7 +101,7 @@ def test_options_reach_the_slam_filter():
         ({"slam": "ekff"}, "Did you mean 'ekf'"),
         ({"slam": "ideal-ekf"}, "is handed the truth and cannot run inside `independent`"),
         ({"slam_options": {"budgte": 3}}, "budgte"),
-        ({"association": "by-eye"}, "association must be one of 'known', 'nearest'; got 'by-eye'"),
+        ({"association": "by-eye"}, "association must be one of 'known', 'nearest', 'jcbb'; got 'by-eye'"),
     ],
 )
 def test_wrong_options_are_explained(options, message):

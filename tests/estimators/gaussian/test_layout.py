@@ -112,7 +112,7 @@ def test_wide_sweeps_after_narrow_ones():
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        ({"association": "nearst"}, "association must be one of 'known', 'nearest'"),
+        ({"association": "nearst"}, "association must be one of 'known', 'nearest', 'jcbb'"),
         ({"gate": 0.0}, "gate must be a positive NIS"),
         ({"match_gate": float("nan")}, "match_gate must be a positive NIS"),
         ({"match_gate": 16.0, "new_gate": 9.0}, "new_gate must be at least match_gate"),
