@@ -8,6 +8,7 @@
 from estimators.interface import TARGET, UNKNOWN, Belief, Estimator, Scan, TruthAware
 from estimators.models import MotionModel, SensorModel, TargetModel
 from estimators.registry import get, make, names, register
+from estimators.target_cloud import TargetCloud
 
 __all__ = [
     "TARGET",
@@ -17,6 +18,7 @@ __all__ = [
     "MotionModel",
     "Scan",
     "SensorModel",
+    "TargetCloud",
     "TargetModel",
     "TruthAware",
     "get",

@@ -6,7 +6,7 @@ landmarks, `K` the width of a scan, `n_t` the size of the target's state (0 with
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, Self
+from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, Protocol, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -84,6 +84,13 @@ def _fit(name: str, value: ArrayLike, shape: tuple[int, ...]) -> Floats:
     return np.array(np.broadcast_to(array, shape))
 
 
+class Cloud(Protocol):
+    """What `Belief.target_cloud` reads: see `estimators.target_cloud.TargetCloud`."""
+
+    def points(self) -> tuple[Floats, Floats]:
+        """Positions [L, N, 2] and weights [L, N]."""
+
+
 class Belief:
     """What an estimator believes, the same shape for every family. Buffers, valid until the estimator's next call.
 
@@ -140,6 +147,7 @@ class Belief:
     def __init__(self, estimator: "Estimator", num_lanes: int, max_landmarks: int, target_names: tuple[str, ...]):
         L, M, n_t = num_lanes, max_landmarks, len(target_names)
         self._estimator = estimator
+        self._cloud: Cloud | None = None
         self.target_names = target_names
         self._core_stale = self._map_stale = True
         shapes: dict[str, tuple[int, ...]] = {
@@ -184,6 +192,32 @@ class Belief:
             NotImplementedError: the family has no joint Gaussian.
         """
         return self._estimator.joint(lane)
+
+    def attach_cloud(self, cloud: "Cloud") -> None:
+        """Called by a `TargetCloud` when it is built: `target_cloud` then gives its points."""
+        self._cloud = cloud
+
+    @property
+    def has_target_cloud(self) -> bool:
+        """Whether `target_cloud` can be read."""
+        return self._cloud is not None
+
+    @property
+    def target_cloud(self) -> tuple[Floats, Floats]:
+        """Where a lost target may be: points [L, N, 2] in the world's frame and weights [L, N] that sum to one.
+
+        While the target is seen, points of its Gaussian.
+
+        Raises:
+            RuntimeError: no cloud accompanies the estimator.
+        """
+        if self._cloud is None:
+            raise RuntimeError(
+                "no target cloud accompanies this estimator: build estimators.TargetCloud(estimator, num_points=256) "
+                "and call its predict and update after the estimator's; in an environment pass target_cloud=256; a "
+                "policy class sets needs_target_cloud = 256"
+            )
+        return self._cloud.points()
 
     def particles(self, lane: int) -> tuple[Floats, Floats]:
         """Poses [N, 3] and weights [N] of one lane's particles, as copies.

@@ -54,6 +54,7 @@ class Episode:
         self.policy_name = chosen.label
         self.policy = policies.make(chosen.name, self.context, 1, **chosen.options)
         self._view = PolicyView(self.policy, scenario)
+        self._view.attach(self.simulation, self.driver)
         self.reset(seed)
 
     def reset(self, seed: int) -> None:

@@ -96,12 +96,13 @@ class _Episodes:
         self.seeds = run_seeds(seed, WORLD_SEEDS, runs)
         specs = [(spec.name, spec.options) for spec in estimators]
         self.simulation = Simulation(scenario, specs, num_lanes=lanes, allow_truth=True, timed=True)
-        self.simulation.reset(self.seeds)
         context = policies.PolicyContext.from_scenario(scenario)
         self.action_map = context.action_map
         self.policy = policies.make(combination.policy.name, context, lanes, **combination.policy.options)
         self.policy.reset(np.arange(lanes), run_seeds(seed, POLICY_SEEDS, runs))
         self.view = PolicyView(self.policy, scenario)
+        self.view.attach(self.simulation, driver)
+        self.simulation.reset(self.seeds)
         self.max_steps, self.hold = int(scenario.max_steps), int(scenario.hold)
         self.values = np.full((len(specs), lanes, self.max_steps, len(FIELDS)), np.nan)
         self.age = np.full((lanes, self.max_steps), np.nan)

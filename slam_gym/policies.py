@@ -103,10 +103,12 @@ class Policy(ABC):
         observation_options: of the observation, where one is needed: arguments of `slam_gym.observation.Observer`
             beside scenario and lanes ("nearest", "sectors").
         weights: a digest of what was learned; a comparison is not resumed with others. Empty where nothing was.
+        target_cloud_options: of the target cloud, where one is needed: arguments of `estimators.TargetCloud`.
     """
 
     summary: ClassVar[str] = ""  # one line for `slam-gym list`
     needs_observation: ClassVar[bool] = False  # whether `act` must be given the observation; else it may get None
+    needs_target_cloud: ClassVar[int] = 0  # points of `belief.target_cloud` that `act` reads; 0: it reads none
 
     def __init__(self, context: PolicyContext, num_lanes: int = 1) -> None:
         if num_lanes < 1:
@@ -116,6 +118,7 @@ class Policy(ABC):
         self.finished: Bools = np.zeros(self.num_lanes, dtype=np.bool_)
         self.observation_options: dict[str, int] = {}
         self.weights = ""
+        self.target_cloud_options: dict[str, Any] = {}
 
     @abstractmethod
     def reset(self, lanes: Ints, seeds: Ints) -> None:

@@ -1,4 +1,4 @@
-"""What a policy is shown beside the belief: an observation where it needs one, else nothing, at no cost."""
+"""What a policy is shown: an observation and a target cloud where it needs them, else neither, at no cost."""
 
 from typing import Any
 
@@ -9,10 +9,10 @@ from slam_gym.simulation import Simulation
 
 
 class PolicyView:
-    """Builds the observation of a simulation's lanes as the environment does.
+    """Builds the observation of a simulation's lanes as the environment does, and attaches a target cloud.
 
     Args:
-        policy: whose `needs_observation` and `observation_options` count.
+        policy: whose `needs_observation`, `needs_target_cloud` and options of the two count.
         scenario: that is simulated.
     """
 
@@ -20,6 +20,13 @@ class PolicyView:
         self._observer: Observer | None = None
         if policy.needs_observation:
             self._observer = Observer(scenario, policy.num_lanes, **policy.observation_options)
+
+        self._num_points, self._cloud_options = policy.needs_target_cloud, policy.target_cloud_options
+
+    def attach(self, simulation: Simulation, driver: int = 0) -> None:
+        """Give estimator number `driver` the target cloud that the policy reads; before the simulation's reset."""
+        if self._num_points and simulation.scenario.has_target:
+            simulation.attach_cloud(self._num_points, driver, **self._cloud_options)
 
     def observe(self, simulation: Simulation, driver: int = 0) -> Any:
         """[L, n] float32 of the belief of estimator number `driver`; None where the policy needs none."""

@@ -9,6 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from estimators import registry
 from estimators.interface import Estimator, TruthAware
+from estimators.target_cloud import TargetCloud
 from slam_gym.metrics import Meter
 from slam_gym.scenario import Scenario
 from slam_gym.world import World
@@ -32,6 +33,7 @@ class Simulation:
         world, estimators, meters: one meter per estimator; names [E], of the estimators.
         is_plain: nobody is timed, nobody is told the truth.
         bound: [E] their kernels for this world's arrays; None where an estimator has none.
+        clouds: by an estimator's index, the points that accompany it (see `attach_cloud`).
         predict_seconds, update_seconds: [E] with `timed`; predict_calls, update_calls: [E] lane-calls they cover.
 
     Raises:
@@ -54,6 +56,7 @@ class Simulation:
         self.estimators = [self._build(name, options, allow_truth) for name, options in estimators]
         self.meters = [Meter(num_lanes, e.max_landmarks) for e in self.estimators]
         self.is_plain = not timed and not any(isinstance(e, TruthAware) for e in self.estimators)
+        self.clouds: dict[int, TargetCloud] = {}
         self._period = int(scenario.sensor_period)
         odometry, steps = self.world.odometry, np.full(self.num_lanes, self.dt)
         self.bound = [e.bound_calls(odometry, steps, self.world.scan) for e in self.estimators]
@@ -73,6 +76,18 @@ class Simulation:
         if not self.scenario.landmarks.labelled:
             chosen.setdefault("association", "nearest")
         return registry.make(name, motion, sensor, target, num_lanes=self.num_lanes, **chosen)
+
+    def attach_cloud(self, num_points: int, index: int = 0, **options: Any) -> None:
+        """Let points accompany one estimator from the next `reset` on, as `belief.target_cloud`; see `TargetCloud`.
+
+        They know the arena where it holds the target.
+
+        Raises:
+            ValueError: a scenario without a target, or an impossible number.
+        """
+        arena = self.scenario.arena
+        known = {"arena": arena.size if arena.walls else None, **options}
+        self.clouds[index] = TargetCloud(self.estimators[index], num_points, **known)
 
     def reset(
         self, seeds: ArrayLike | None, lanes: Ints | None = None, options: Mapping[str, Any] | None = None
@@ -101,6 +116,8 @@ class Simulation:
                 world.start_pose[chosen], world.start_cov[chosen], seeds=streams, target=mean, target_cov=cov,
                 lanes=None if lanes is None else chosen,
             )  # fmt: skip
+        for cloud in self.clouds.values():
+            cloud.reset(chosen, streams)
 
     def advance(self, command: Floats, lanes: Ints | None = None) -> None:
         """One simulation step: the world moves, every estimator predicts, and updates where a sweep is due.
@@ -119,6 +136,14 @@ class Simulation:
             self._predict(e, lanes)
             if due is not None:
                 self.update(e, due)
+        if self.clouds:
+            self._advance_clouds(lanes, due)
+
+    def _advance_clouds(self, lanes: Ints | None, due: Ints | None) -> None:
+        for cloud in self.clouds.values():
+            cloud.predict(self.dt, lanes)
+            if due is not None:
+                cloud.update(self.world.scan, due)
 
     def _predict(self, e: int, lanes: Ints | None) -> None:
         estimator, bound = self.estimators[e], self.bound[e]
@@ -163,6 +188,7 @@ class Simulation:
                 self.update(e, due)
                 self.update_seconds[e] += perf_counter() - moved
                 self.update_calls[e] += len(due)
+        self._advance_clouds(lanes, due)
 
     def _tell(self, estimator: Estimator) -> None:
         if isinstance(estimator, TruthAware):
@@ -185,7 +211,10 @@ class Simulation:
     def get_state(self) -> dict[str, Any]:
         """Everything that changes between calls, as copies."""
         states = [estimator.get_state() for estimator in self.estimators]
-        return {"world": self.world.get_state(), "estimators": states, "altered": self._altered.copy()}
+        clouds = {index: cloud.get_state() for index, cloud in self.clouds.items()}
+        return {
+            "world": self.world.get_state(), "estimators": states, "altered": self._altered.copy(), "clouds": clouds,
+        }  # fmt: skip
 
     def set_state(self, state: Mapping[str, Any]) -> None:
         """Restore what `get_state` returned."""
@@ -193,3 +222,5 @@ class Simulation:
         self._altered[:] = state["altered"]
         for estimator, saved in zip(self.estimators, state["estimators"], strict=True):
             estimator.set_state(saved)
+        for index, cloud in self.clouds.items():
+            cloud.set_state(state["clouds"][index])

@@ -5,8 +5,8 @@ import math
 from estimators.kernels.angles import wrap
 from estimators.kernels.jit import inline
 from estimators.kernels.motion import bicycle, unicycle
-from estimators.kernels.random import uniform4
-from slam_gym.world_draws import DRAW_ROBOT, FIRST, normal_pair
+from estimators.kernels.random import normal_pair, uniform4
+from slam_gym.world_draws import DRAW_ROBOT, FIRST
 from slam_gym.world_geometry import pushed_out, touching
 from slam_gym.world_numbers import BICYCLE, BLOCK, NO_COLLISION, ON_ODOMETRY, ROOT_SECOND
 from slam_gym.world_state import (

@@ -8,8 +8,8 @@ from estimators.interface import TARGET, UNKNOWN
 from estimators.kernels.angles import wrap
 from estimators.kernels.elementary import angle_between, wrap_smooth
 from estimators.kernels.jit import inline
-from estimators.kernels.random import uniform4
-from slam_gym.world_draws import DRAW_CLUTTER, DRAW_SENSOR, FIRST, NOBODY, TARGET_ITEM, normal_pair
+from estimators.kernels.random import normal_pair, uniform4
+from slam_gym.world_draws import DRAW_CLUTTER, DRAW_SENSOR, FIRST, NOBODY, TARGET_ITEM
 from slam_gym.world_geometry import cos_half_view, hidden, in_view
 from slam_gym.world_numbers import NONE, QUADRATURE
 from slam_gym.world_state import (

@@ -5,8 +5,8 @@ import math
 from estimators.kernels.angles import wrap
 from estimators.kernels.jit import inline
 from estimators.kernels.motion import unicycle
-from estimators.kernels.random import uniform4
-from slam_gym.world_draws import DRAW_TARGET, FIRST, normal_pair
+from estimators.kernels.random import normal_pair, uniform4
+from slam_gym.world_draws import DRAW_TARGET, FIRST
 from slam_gym.world_geometry import pushed_out
 from slam_gym.world_numbers import CONSTANT_VELOCITY, EVASIVE, RECORDED, TWIST
 from slam_gym.world_state import (

@@ -63,6 +63,7 @@ class Lanes:
         terminate_outside: bool = False,
         success_error: float = 1.0,
         allow_truth: bool = False,
+        target_cloud: int = 0,
         threads: int = 1,
     ) -> None:
         ending = Ending(terminate_on_capture, terminate_outside, success_error)
@@ -78,6 +79,8 @@ class Lanes:
         self.action_map = ActionMap(self.scenario, action)
         self.observer = Observer(self.scenario, num_lanes, nearest_landmarks, sectors)
         self.simulation = Simulation(self.scenario, [(estimator, options)], num_lanes, threads, allow_truth=allow_truth)
+        if target_cloud:
+            self.simulation.attach_cloud(target_cloud)
         self.max_steps, self.hold = int(self.scenario.max_steps), int(self.scenario.hold)
         self.action: Floats = np.zeros((num_lanes, 2))
         self._command: Floats = np.zeros((num_lanes, 2))
@@ -118,7 +121,7 @@ class Lanes:
         self._belief = simulation.estimators[0].belief
         self._command_of = self.action_map.bound(self.action, self._command)
         self._move, self._senses_always = None, self.scenario.sensor_period == 1
-        if bound is not None and simulation.is_plain and world.threads == 1:
+        if bound is not None and simulation.is_plain and world.threads == 1 and not simulation.clouds:
             ahead = chain(self._command_of, world.bound_step(self._command), bound.predict)
             self._move = chain(ahead, bound.update) if self._senses_always else ahead
         watch = chain(self.observer.bound(self._belief, world), self.scorer.bound)

@@ -119,6 +119,7 @@ class SlamTargetEnv(gym.Env[Any, NDArray[np.float32]]):
     | `terminate_outside`    | `False`      | |
     | `success_error`        | 1.0          | [m] |
     | `allow_truth`          | `False`      | accept reference estimators that are handed the truth |
+    | `target_cloud`         | 0            | points that follow a lost target, for the sectors and for planners |
     | `render_mode`          | `None`       | `"human"` (a window) or `"rgb_array"` |
 
     ## Version History
@@ -143,6 +144,7 @@ class SlamTargetEnv(gym.Env[Any, NDArray[np.float32]]):
         terminate_outside: bool = False,
         success_error: float = 1.0,
         allow_truth: bool = False,
+        target_cloud: int = 0,
         render_mode: str | None = None,
     ) -> None:
         arguments = {name: value for name, value in locals().items() if name not in ("self", "__class__")}

@@ -63,7 +63,8 @@ class SlamTargetVectorEnv(VectorEnv[Any, Any, Any]):
     Args:
         num_envs: L.
         scenario, scenario_options, estimator, estimator_options, observation, action, reward, nearest_landmarks,
-            sectors, terminate_on_capture, terminate_outside, success_error, allow_truth: see `SlamTargetEnv`.
+            sectors, terminate_on_capture, terminate_outside, success_error, allow_truth, target_cloud: see
+            `SlamTargetEnv`.
         render_mode: None or "rgb_array": `render` gives one picture per lane.
         autoreset_mode: see above.
         threads: for the world's part of a step.
@@ -91,6 +92,7 @@ class SlamTargetVectorEnv(VectorEnv[Any, Any, Any]):
         terminate_outside: bool = False,
         success_error: float = 1.0,
         allow_truth: bool = False,
+        target_cloud: int = 0,
         render_mode: str | None = None,
         autoreset_mode: str | AutoresetMode = "SameStep",
         threads: int = 1,

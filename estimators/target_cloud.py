@@ -1,0 +1,280 @@
+"""Weighted points that say where a lost target may be, beside any estimator: what NOT seeing it teaches."""
+
+import math
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from estimators.interface import TARGET, Bools, Estimator, Floats, Ints, Scan
+from estimators.kernels.cloud_evidence import detection, resample, weigh
+from estimators.kernels.cloud_motion import ROWS, THRESHOLD, X, Y, draw_anywhere, draw_from_belief, move_points
+from estimators.kernels.jit import inline, jit
+from estimators.kernels.random import lane_key
+
+FOLLOWING, LOST = 0, 1  # of a lane: the Gaussian belief says all; the points do
+_KEY_PURPOSE = 23  # keeps the cloud's stream apart from others that are given the same seed
+_TARGET_LABEL = TARGET
+_BELIEF = (
+    "target_position", "target_position_cov", "target_velocity", "target_velocity_cov", "target_heading",
+    "target_heading_var",
+)  # fmt: skip
+
+
+@jit
+def _begin(lanes, rows, w, key, step, mode, models, known, pose, settings):
+    """A new episode: the Gaussian where there is a prior, else points anywhere."""
+    for i in range(lanes.size):
+        lane = lanes[i]
+        step[lane] = 0
+        mode[lane] = FOLLOWING
+        if not known[lane]:
+            _born_anywhere(lane, rows, w, key, step, mode, models, pose, settings)
+
+
+@inline
+def _born_anywhere(lane, rows, w, key, step, mode, models, pose, settings):
+    mode[lane] = LOST
+    for p in range(w.shape[1]):
+        draw_anywhere(p, rows[lane], key[lane], step[lane], models[lane], pose[lane, 0], pose[lane, 1], settings)
+        w[lane, p] = 1.0 / w.shape[1]
+
+
+@jit
+def _move(lanes, rows, noise, key, step, mode, models, dt, settings):
+    """Points of lost targets move on."""
+    for i in range(lanes.size):
+        lane = lanes[i]
+        step[lane] += 1
+        if mode[lane] == LOST:
+            move_points(rows[lane], noise, key[lane], step[lane], models[lane], dt[lane], settings)
+
+
+@jit
+def _look(labels, count, lanes, known, complete, mode, missed):
+    """Sort the swept lanes: FOLLOWING where the target was seen; into `missed` where its absence says something.
+
+    Returns:
+        How many were written into `missed`.
+    """
+    n = 0
+    for i in range(lanes.size):
+        lane, seen = lanes[i], False
+        for k in range(count[lane]):
+            seen = seen or labels[lane, k] == _TARGET_LABEL
+        if seen:
+            mode[lane] = FOLLOWING if known[lane] else mode[lane]
+        elif complete[lane]:
+            missed[n] = lane
+            n += 1
+    return n
+
+
+@jit
+def _miss(
+    lanes, rows, w, key, step, mode, models, known, pose, pose_cov, belief, mapped, landmark, landmark_cov, evidence,
+    settings, p_d, copies, source, destination,
+):  # fmt: skip
+    """A sweep without a return: points of the Gaussian where the target is just lost, then weights, then resampling."""
+    position, position_cov, velocity, velocity_cov, heading, heading_var = belief
+    for i in range(lanes.size):
+        lane = lanes[i]
+        if mode[lane] == FOLLOWING and known[lane]:
+            mode[lane] = LOST
+            draw_from_belief(
+                lane, rows[lane], key[lane], step[lane], models[lane], position, position_cov, velocity, velocity_cov,
+                heading, heading_var,
+            )  # fmt: skip
+            w[lane, :] = 1.0 / w.shape[1]
+        elif mode[lane] == FOLLOWING:
+            _born_anywhere(lane, rows, w, key, step, mode, models, pose, settings)
+        if not evidence:
+            continue
+        x, y = rows[lane, X], rows[lane, Y]
+        detection(lane, x, y, pose, pose_cov, models[lane], mapped, landmark, landmark_cov, p_d)
+        if weigh(w[lane], p_d, settings) < settings[THRESHOLD] * w.shape[1]:
+            resample(
+                rows[lane], w[lane], key[lane], step[lane], models[lane], pose[lane, 0], pose[lane, 1], settings,
+                copies, source, destination,
+            )  # fmt: skip
+
+
+@jit
+def _fill(rows, w, key, step, mode, models, known, belief, scratch, points, weights):
+    """Positions [L, N, 2] and weights [L, N] of every lane."""
+    position, position_cov, velocity, velocity_cov, heading, heading_var = belief
+    n = w.shape[1]
+    for lane in range(w.shape[0]):
+        follows = mode[lane] == FOLLOWING and known[lane]
+        if follows:
+            draw_from_belief(
+                lane, scratch, key[lane], step[lane], models[lane], position, position_cov, velocity, velocity_cov,
+                heading, heading_var,
+            )  # fmt: skip
+        source = scratch if follows else rows[lane]
+        for p in range(n):
+            points[lane, p, 0], points[lane, p, 1] = source[X, p], source[Y, p]
+            weights[lane, p] = 1.0 / n if follows else w[lane, p]
+
+
+class TargetCloud:
+    """N weighted points per lane that stand for the target where one Gaussian cannot: while it is lost.
+
+    A companion of ANY estimator: it reads its `Belief`, its models and the scans. While the target is seen, the points
+    are draws from the Gaussian belief. The first complete sweep without a return of it makes it LOST, and from then on
+    the points live by themselves until the next return:
+
+    1. they are drawn from the Gaussian belief (position, and velocity or heading by the lane's `TargetModel`); a target
+       that was never seen has them spread evenly over the arena, or over a disc around the robot;
+    2. `predict` moves them with the target model's own noise. A lost target also manoeuvres: at rate `turn_rate` a
+       point sets out anew at the same speed, towards a place drawn evenly from the arena (in any direction where there
+       is no arena), and at the arena's walls it does so at once;
+    3. NEGATIVE INFORMATION: at every complete sweep without a return, w <- w (1 - p_d), where p_d is the probability
+       that the sensor would have reported the point: `detection_probability` if it is in range, in the field of view
+       and behind no mapped pillar (`SensorModel.landmark_radius` about the landmarks' means). Edges are as soft as
+       pose and pillars are uncertain;
+    4. below `threshold` x N effective points they are resampled systematically, the copies roughened, and a share
+       `scatter` of them is born anew anywhere, so that a wrong model can be unlearned.
+
+    The points stand in `belief.target_cloud`: positions [L, N, 2] in the world's frame and weights [L, N] that sum to
+    one, valid until the next call. `predict` and `update` come after the estimator's own.
+
+    Where not to use it: as a consistent posterior. The pose's error, which all points share, counts as if each had its
+    own, and the manoeuvres are a guess at what targets do.
+
+    Args:
+        estimator: whose belief it accompanies; needs a target model.
+        num_points: N.
+        arena: (width, height) [m] about the origin in which the target moves; None: no bounds known.
+        negative_information: False: sweeps without a return say nothing (for comparison).
+        turn_rate: [1/s] at which a lost target takes a new direction.
+        prior_radius: [m] of the disc without an arena; None: twice the sensor's range.
+        scatter: share of points born anew at each resampling, in [0, 1].
+        roughening: of resampled copies, in units of the cloud's spread / sqrt(N).
+        miss_floor: least factor 1 - p_d, in (0, 1].
+        threshold: of resampling, share of N in [0, 1].
+
+    Raises:
+        ValueError: an estimator without a target, or a number out of its range.
+
+    Reference: Stone, Theory of Optimal Search, 1975; Bourgault, Furukawa and Durrant-Whyte, "Coordinated decentralized
+    search for a lost target in a Bayesian world", IROS 2003; roughening: Gordon, Salmond and Smith 1993.
+    """
+
+    def __init__(
+        self,
+        estimator: Estimator,
+        num_points: int = 256,
+        *,
+        arena: tuple[float, float] | None = None,
+        negative_information: bool = True,
+        turn_rate: float = 0.25,
+        prior_radius: float | None = None,
+        scatter: float = 0.01,
+        roughening: float = 0.2,
+        miss_floor: float = 0.02,
+        threshold: float = 0.5,
+    ) -> None:
+        if estimator.target is None:
+            raise ValueError("a target cloud needs an estimator built with a target model; this one has target=None")
+        if isinstance(num_points, bool) or not isinstance(num_points, (int, np.integer)) or num_points < 2:
+            raise ValueError(f"num_points must be a whole number of at least 2; got {num_points!r}")
+        radius = 2.0 * estimator.sensor.max_range if prior_radius is None else prior_radius
+        half_width, half_height = (math.inf, math.inf) if arena is None else (0.5 * arena[0], 0.5 * arena[1])
+        _check_range("arena", min(half_width, half_height), 1e-9, math.inf)
+        _check_range("turn_rate", turn_rate, 0.0, math.inf)
+        _check_range("prior_radius", radius, 1e-9, math.inf)
+        _check_range("roughening", roughening, 0.0, math.inf)
+        for name, value in (("scatter", scatter), ("threshold", threshold)):
+            _check_range(name, value, 0.0, 1.0)
+        _check_range("miss_floor", miss_floor, 1e-12, 1.0)
+        self.estimator, self.num_points, self.negative_information = estimator, int(num_points), negative_information
+        self._settings = tuple(
+            map(float, (half_width, half_height, radius, turn_rate, scatter, roughening, miss_floor, threshold))
+        )
+        L, N = estimator.num_lanes, self.num_points
+        self._rows: Floats = np.zeros((L, ROWS, N))
+        self._w: Floats = np.full((L, N), 1.0 / N)
+        self._key = np.zeros(L, dtype=np.uint64)
+        self._step: Ints = np.zeros(L, dtype=np.int64)
+        self._mode: Ints = np.full(L, FOLLOWING, dtype=np.int64)
+        self._scratch: Floats = np.zeros((ROWS, N))
+        self._whole: Ints = np.zeros((3, N), dtype=np.int64)
+        self._missed: Ints = np.zeros(L, dtype=np.int64)
+        self._points: Floats = np.zeros((L, N, 2))
+        self._weights: Floats = np.full((L, N), 1.0 / N)
+        self._stale = True
+        estimator.belief.attach_cloud(self)
+
+    @property
+    def lost(self) -> Bools:
+        """[L] whether the points live by themselves: the target was not in the latest complete sweep."""
+        return np.asarray(self._mode == LOST)
+
+    def reset(self, lanes: Ints | None, seeds: ArrayLike) -> None:
+        """A new episode in the named lanes (None: all), after the estimator's own reset; seeds [n]: of the draws."""
+        chosen = self.estimator.all_lanes if lanes is None else np.asarray(lanes, dtype=np.int64)
+        for lane, seed in zip(chosen, np.broadcast_to(np.asarray(seeds, dtype=np.int64), chosen.shape), strict=True):
+            self._key[lane] = lane_key(int(seed), _KEY_PURPOSE)
+        belief = self.estimator.belief
+        _begin(
+            chosen, self._rows, self._w, self._key, self._step, self._mode, self.estimator.models, belief.target_known,
+            belief.pose, self._settings,
+        )  # fmt: skip
+        self._stale = True
+
+    def predict(self, dt: float | Floats, lanes: Ints | None = None) -> None:
+        """Move the points of lost targets by dt seconds (scalar or [L])."""
+        steps = np.broadcast_to(np.asarray(dt, dtype=np.float64), (self.estimator.num_lanes,))
+        _move(
+            self.estimator.all_lanes if lanes is None else lanes, self._rows, self._scratch, self._key, self._step,
+            self._mode, self.estimator.models, steps, self._settings,
+        )  # fmt: skip
+        self._stale = True
+
+    def update(self, scan: Scan, lanes: Ints | None = None) -> None:
+        """Take in one sweep, after the estimator has (arrays in `scan` span all L lanes)."""
+        chosen = self.estimator.all_lanes if lanes is None else lanes
+        belief = self.estimator.belief
+        known = belief.target_known
+        n = _look(scan.labels, scan.count, chosen, known, scan.complete, self._mode, self._missed)
+        self._stale = True
+        if n == 0:
+            return
+        copies, source, destination = self._whole
+        _miss(
+            self._missed[:n], self._rows, self._w, self._key, self._step, self._mode, self.estimator.models, known,
+            belief.pose, belief.pose_cov, self._gaussian(), belief.landmark_mapped, belief.landmark_rel,
+            belief.landmark_rel_cov, self.negative_information, self._settings, self._scratch[0], copies, source,
+            destination,
+        )  # fmt: skip
+
+    def _gaussian(self) -> tuple[Any, ...]:
+        belief = self.estimator.belief
+        return tuple(getattr(belief, name) for name in _BELIEF)
+
+    def points(self) -> tuple[Floats, Floats]:
+        """Positions [L, N, 2] and weights [L, N], valid until the next call; see `Belief.target_cloud`."""
+        if self._stale:
+            self._stale = False
+            _fill(
+                self._rows, self._w, self._key, self._step, self._mode, self.estimator.models,
+                self.estimator.belief.target_known, self._gaussian(), self._scratch, self._points, self._weights,
+            )  # fmt: skip
+        return self._points, self._weights
+
+    def get_state(self) -> dict[str, NDArray[Any]]:
+        """Everything that changes between calls, as copies; `set_state` goes on from there bit for bit."""
+        arrays = {"rows": self._rows, "w": self._w, "key": self._key, "step": self._step, "mode": self._mode}
+        return {name: array.copy() for name, array in arrays.items()}
+
+    def set_state(self, state: dict[str, NDArray[Any]]) -> None:
+        """Restore what `get_state` returned; the estimator's own state is restored apart."""
+        for name, array in state.items():
+            getattr(self, f"_{name}")[:] = array
+        self._stale = True
+
+
+def _check_range(name: str, value: float, low: float, high: float) -> None:
+    if not low <= value <= high:
+        raise ValueError(f"TargetCloud: {name} must be a number from {low:g} to {high:g}; got {value!r}")
