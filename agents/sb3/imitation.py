@@ -1,9 +1,10 @@
 """A start from a teacher: a policy that exists already is imitated before the first trial.
 
-From scratch, half of a training goes into what `pursuit` does already. DAgger (Ross, Gordon and Bagnell 2011) gets there
-in a minute: the teacher drives first, then the student, while the teacher says at each decision what it would have
-done; the actor is fitted to all of that by least squares. What follows is reinforcement learning as ever, but for a
-short time in which only the critic learns: advantages by a critic that knows nothing would undo the imitation.
+From scratch, half of a training goes into what `pursuit` does already. DAgger (Ross, Gordon and Bagnell 2011) gets
+there in a tenth of the decisions: the teacher drives first, then the student, while the teacher says at each decision
+what it would have done; the actor is fitted to all of that by least squares. What follows is reinforcement learning as
+ever, but for a short time in which only the critic learns: advantages by a critic that knows nothing would undo the
+imitation.
 """
 
 from typing import TYPE_CHECKING, Any
@@ -20,7 +21,7 @@ if TYPE_CHECKING:
     from stable_baselines3 import PPO
 
 ROUNDS = 5  # each adds as many decisions and fits anew; in the first the teacher drives
-EPOCHS = 12  # of a round, over everything seen so far
+EPOCHS = 5  # of a round, over everything seen so far
 BATCH = 1024
 LEARNING_RATE = 1e-3
 
@@ -48,7 +49,7 @@ def imitate(model: "PPO", teacher: Policy, decisions: int, seeds: NDArray[np.int
     for driven in range(ROUNDS):
         errors = []
         for _ in range(steps):
-            raw = venv.get_original_obs() if isinstance(venv, VecNormalize) else shown
+            raw: Any = venv.get_original_obs() if isinstance(venv, VecNormalize) else shown
             told = teacher.act(raw, venv.unwrapped.envs.unwrapped.belief).astype(np.float32)
             own = model.predict(shown, deterministic=True)[0]
             errors.append(float(np.mean(np.square(own - told))))
@@ -75,7 +76,7 @@ def _fit(model: "PPO", optimiser: Any, observations: Any, advice: Any, rng: np.r
     y = torch.as_tensor(advice)
     for _ in range(EPOCHS):
         for batch in np.array_split(rng.permutation(len(x)), max(1, len(x) // BATCH)):
-            said = model.policy.get_distribution(x[batch].float()).mode()  # type: ignore[operator]
+            said = model.policy.get_distribution(x[batch].float()).mode()
             loss = torch.nn.functional.mse_loss(said, y[batch])
             optimiser.zero_grad()
             loss.backward()

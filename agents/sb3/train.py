@@ -27,6 +27,7 @@ class Train:
 
       slam-gym train --algo sac --scenario discovery --seed 1 --out runs/finder
       slam-gym train --steps 3e6 --hyperparams gamma=0.99 n_epochs=10 --reward track=0.5 effort=0.05
+      slam-gym train --teacher pursuit --steps 1e6     learns what pursuit does, then what pursuit does not
       slam-gym train --seed 1 --resume    the same command with --resume: goes on after Ctrl-C, or for more --steps
 
       tensorboard --logdir runs                                          watch it learn
@@ -53,6 +54,10 @@ class Train:
     """Weights of reward terms to change, such as effort=0.05."""
     set: tuple[str, ...] = ()
     """Scenario settings to change, such as sensor.max_range=5 or "landmarks.count=[5, 30]"."""
+    teacher: str = ""
+    """A policy (`slam-gym list policies`) to imitate before the first trial, such as pursuit; PPO only."""
+    teacher_decisions: int = 100_000
+    """That the teacher comments on, and then as many in which only the critic learns."""
     nearest_landmarks: int = 8
     """Landmarks in the observation."""
     sectors: int = 8

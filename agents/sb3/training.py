@@ -9,13 +9,16 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import stable_baselines3
 import torch
+from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.logger import Logger, make_output_format
 from stable_baselines3.common.vec_env import VecEnv, VecMonitor, VecNormalize
 
 from agents.sb3 import checkpoint, hyperparameters, store
 from agents.sb3.callbacks import CHECKPOINT, Milestones, Row
 from agents.sb3.hyperparameters import Hyperparameters
+from agents.sb3.imitation import CriticFirst, imitate
 from agents.sb3.vec_env import SlamTargetVecEnv
+from slam_gym import policies
 from slam_gym.envs.slam_target_vector import SlamTargetVectorEnv
 from slam_gym.evaluation import versions
 from slam_gym.evaluation_plan import run_seeds
@@ -28,7 +31,7 @@ if TYPE_CHECKING:
 
     from agents.sb3.train import Train
 
-TRAINING_SEEDS, EVALUATION_SEEDS = 201, 202  # purposes; `slam-gym compare` draws its worlds under another one
+TRAINING_SEEDS, EVALUATION_SEEDS, TEACHER_SEEDS = 201, 202, 203  # purposes; comparisons draw theirs under others
 ALGORITHMS: dict[str, type["BaseAlgorithm"]] = {"ppo": stable_baselines3.PPO, "sac": stable_baselines3.SAC}
 ACTION_TIME = 0.4  # [s] that an action lasts where nobody says otherwise
 CONFIG = "config.json"
@@ -80,14 +83,19 @@ def train(settings: "Train", out: Path, *, command: str = "", report: Report = l
     callback = Milestones(
         out, envs, seeds, settings.evaluate_every, about, lambda done, row: report(done, chosen.n_timesteps, row)
     )
+    callbacks: list[BaseCallback] = [callback]
+    if settings.teacher:
+        callbacks.insert(0, CriticFirst(settings.teacher_decisions))
     if saved is not None:
         checkpoint.restore(model, saved["model"])
         callback.resume(saved["rows"])
+    elif settings.teacher:
+        imitate_teacher(model, settings, scenario)
     write_json(out / CONFIG, config)
     left = chosen.n_timesteps - model.num_timesteps
     if left > 0:
         model.set_logger(_logger(out))
-        model.learn(left, callback, reset_num_timesteps=saved is None)
+        model.learn(left, callbacks, reset_num_timesteps=saved is None)
     return Trained(out, callback.rows, callback.digest)
 
 
@@ -134,6 +142,21 @@ def build(settings: "Train", scenario: Scenario, chosen: Hyperparameters) -> "Ba
     model = algorithm("MlpPolicy", venv, seed=settings.seed, **arguments)
     adapter.seed_lanes(run_seeds(settings.seed, TRAINING_SEEDS, range(chosen.n_envs)).tolist())
     return model
+
+
+def imitate_teacher(model: "BaseAlgorithm", settings: "Train", scenario: Scenario) -> float:
+    """Begin with what a teacher does; see `agents.sb3.imitation`.
+
+    Raises:
+        ValueError: another algorithm than PPO, or an unknown teacher.
+    """
+    if not isinstance(model, stable_baselines3.PPO):
+        raise ValueError(f"--teacher works with --algo ppo; got {settings.algo!r}")
+    spec = policies.parse(settings.teacher)
+    context = policies.PolicyContext.from_scenario(scenario, settings.action)
+    teacher = policies.make(spec.name, context, model.n_envs, **spec.options)
+    seeds = run_seeds(settings.seed, TEACHER_SEEDS, range(model.n_envs))
+    return imitate(model, teacher, settings.teacher_decisions, seeds)
 
 
 def describe(settings: "Train", chosen: Hyperparameters, command: str) -> dict[str, Any]:
@@ -194,7 +217,7 @@ def _logger(out: Path) -> Logger:
 
 def check_numbers(settings: "Train") -> None:
     """Raises ValueError for counts that are none."""
-    for name in ("evaluate_every", "evaluation_runs", "threads"):
+    for name in ("evaluate_every", "evaluation_runs", "teacher_decisions", "threads"):
         if getattr(settings, name) < 1:
             raise ValueError(f"--{name.replace('_', '-')} must be at least 1; got {getattr(settings, name)}")
     if settings.seed < 0 or settings.seed >= np.iinfo(np.uint32).max:

@@ -39,6 +39,7 @@ SAC = replace(
     hyperparams=("learning_starts=200", "gradient_steps=1", "batch_size=32", "buffer_size=1000",
                  "policy_kwargs=dict(net_arch=[16])"),
 )  # fmt: skip
+TAUGHT = replace(PPO, teacher="pursuit", teacher_decisions=1024, steps=2048, evaluate_every=1024)
 
 
 @pytest.fixture(scope="module")
@@ -108,7 +109,7 @@ class StopError(Exception):
     pass
 
 
-@pytest.mark.parametrize("settings", [PPO, SAC], ids=["ppo", "sac"])
+@pytest.mark.parametrize("settings", [PPO, SAC, TAUGHT], ids=["ppo", "sac", "taught"])
 def test_an_interrupted_training_ends_with_the_same_weights(settings, trained, tmp_path):
     whole = trained[0] if settings is PPO else train(settings, tmp_path / "whole")
 
@@ -121,6 +122,19 @@ def test_an_interrupted_training_ends_with_the_same_weights(settings, trained, t
     resumed = train(replace(settings, resume=True), tmp_path / "parts")
     assert resumed.digest == whole.digest
     assert resumed.rows == whole.rows
+
+
+def test_a_taught_policy_begins_where_its_teacher_is(tmp_path):
+    """Few decisions of a teacher are worth more than as many trials; then only the critic learns."""
+    settings = replace(TAUGHT, teacher_decisions=8192, num_envs=64, steps=4096, evaluation_runs=16)
+    begun = train(settings, tmp_path / "taught")
+    alone = train(replace(settings, teacher="", steps=1), tmp_path / "alone")
+    assert begun.rows[0]["lost"] < alone.rows[0]["lost"] - 0.1
+    assert begun.rows[0]["return"] > alone.rows[0]["return"] + 10.0
+    assert begun.rows[1]["return"] == pytest.approx(begun.rows[0]["return"], abs=2.0)  # the moments move a little
+    for wrong, message in (({"algo": "sac"}, "works with --algo ppo"), ({"teacher": "persuit"}, "unknown policy")):
+        with pytest.raises(ValueError, match=message):
+            train(replace(settings, hyperparams=(), **wrong), tmp_path / message)
 
 
 def test_a_finished_training_can_get_longer(trained, tmp_path):
