@@ -29,6 +29,7 @@ _BUILT_IN = {
     "fastslam1": "estimators.particle.fastslam:FastSLAM1",
     "fastslam2": "estimators.particle.fastslam:FastSLAM2",
     "rbpf": "estimators.particle.improved_proposal:RBPF",
+    "isam2": "estimators.smoothing.isam2:ISAM2",
     "independent": "estimators.independent:Independent",
 }
 _registered: dict[str, type[Estimator]] = {}

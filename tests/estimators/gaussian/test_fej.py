@@ -1,12 +1,8 @@
-import math
-
 import numpy as np
 import pytest
 
-from estimators import registry
 from estimators._recording import DT, MOTION, SENSOR, TARGET_MODEL, feed, record, start
 from estimators.gaussian.fej import FEJEKF
-from estimators.interface import Scan
 from estimators.kernels.gaussian import remove_landmark
 from estimators.models import MotionModel, SensorModel, TargetModel
 from estimators.testing import checks
@@ -153,57 +149,18 @@ def test_first_twist_sightings_keep_the_directions():
 
 
 @pytest.mark.slow
-def test_consistent_where_the_ekf_is_not():
+def test_consistent_where_the_ekf_is_not(ring_world):
     """Differential drive, 660 steps, 1 deg: pose NEES near 3; the plain EKF above 3.8.
 
     One run in hundreds passes so close to a landmark that any linearisation fails (its NEES alone would move the mean
     by half), so those are counted by themselves.
     """
-    nees = {name: geng_hu(name, runs=300) for name in ("ekf", "fej-ekf", "ri-ekf")}
+    nees = {name: ring_world(name, runs=300)[0] for name in ("ekf", "fej-ekf", "ri-ekf")}
     assert nees["ekf"].mean() > 3.8
     for name in ("fej-ekf", "ri-ekf"):
         broken = nees[name] > 30.0
         assert broken.sum() <= 2
         assert 2.75 < nees[name][~broken].mean() < 3.25
-
-
-def geng_hu(name, runs, seed=1):
-    """[runs] NEES averaged over steps: a circle of 6.7 m, 20 landmarks within 4 m of it, a new map each run."""
-    rng = np.random.default_rng(seed)
-    v, w, steps, count, bearing_std = 0.5, 0.075, 660, 20, math.radians(1.0)
-    wheel = 0.02 * v
-    motion = MotionModel(speed_std=wheel / math.sqrt(2.0), turn_std=math.sqrt(2.0) * wheel / 0.5)
-    sensor = SensorModel(max_range=5.0, range_std=0.1, bearing_std=bearing_std)
-    angle, radius = rng.uniform(-np.pi, np.pi, (runs, count)), v / w + rng.uniform(-4.0, 4.0, (runs, count))
-    landmarks = np.stack([radius * np.cos(angle), v / w + radius * np.sin(angle)], axis=-1)
-    estimator = registry.make(name, motion, sensor, None, num_lanes=runs, max_landmarks=count)
-    pose, control, scan = np.zeros((runs, 3)), np.tile([v, w], (runs, 1)), Scan.empty(runs, count)
-    estimator.reset(pose, np.zeros((3, 3)), seeds=np.arange(runs))
-    total = []
-    for k in range(steps):
-        speed = v + motion.speed_std * rng.standard_normal(runs)
-        end = pose[:, 2] + w + motion.turn_std * rng.standard_normal(runs)
-        pose = np.column_stack([pose[:, 0] + speed * np.cos(end), pose[:, 1] + speed * np.sin(end), end])
-        gap = landmarks - pose[:, None, :2]
-        distance = np.hypot(gap[..., 0], gap[..., 1])
-        bearing = (
-            np.arctan2(gap[..., 1], gap[..., 0]) - end[:, None] + bearing_std * rng.standard_normal(distance.shape)
-        )
-        noisy = distance + 0.1 * rng.standard_normal(distance.shape)
-        seen = (distance < 5.0) & (distance > 0.5)
-        order = np.argsort(~seen, axis=1, kind="stable")
-        scan.ranges[:] = np.take_along_axis(noisy, order, axis=1)
-        scan.bearings[:] = np.take_along_axis((bearing + np.pi) % (2 * np.pi) - np.pi, order, axis=1)
-        scan.labels[:], scan.count[:] = order, seen.sum(axis=1)
-        estimator.predict(control, 1.0)
-        estimator.update(scan)
-        if k >= 10:
-            error = estimator.belief.pose - pose
-            error[:, 2] = (error[:, 2] + np.pi) % (2.0 * np.pi) - np.pi
-            total.append(
-                np.einsum("li,li->l", error, np.linalg.solve(estimator.belief.pose_cov, error[..., None])[..., 0])
-            )
-    return np.mean(total, axis=0)
 
 
 def test_reset_moves_the_anchor(recording):

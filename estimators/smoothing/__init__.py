@@ -1,0 +1,1 @@
+"""Smoothers: belief = the whole trajectory, of which the present is told (extra `smoothing`)."""
