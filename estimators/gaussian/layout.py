@@ -4,8 +4,8 @@ A filter adds two kernels, `_prediction` and `_correction`. The state:
 
     mu [L, n_max], P [L, n_max, n_max]   robot (x, y, heading), target (n_t), landmark of slot j at 3 + n_t + 2 j;
                                          n_max = 3 + n_t + 2 M rounded up to a multiple of BLOCK; unused rows are zero
-    count [L], ids [L, M], first [L, M, 2], next_id [L]   landmarks in the map, their ids (-1: empty slot), their
-                                         first estimates, landmarks created so far
+    count [L], ids [L, M], first [L, M, 3], next_id [L]   landmarks in the map, their ids (-1: empty slot), their
+                                         first estimates and log odds of existence, landmarks created so far
     target_known [L], pending [L, 4]     whether the target is in the state; see `growth` for one seen but once
     counters [L, K]                      what went wrong, named by COUNTERS
 """
@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from estimators.gaussian.belief import fill_core, fill_map
+from estimators.gaussian.existence import hide_doubtful, revise_map
 from estimators.gaussian.sweep import COUNTERS
 from estimators.gaussian.vague_target import forget_vague
 from estimators.interface import Belief, BoundCalls, Estimator, Floats, Ints, Scan
@@ -30,6 +31,7 @@ from estimators.models import MotionModel, SensorModel, TargetModel
 
 MATCH_GATE = 9.21  # chi-square, 2 dof, 99 %
 NEW_GATE = 25.0  # NIS beyond which an unlabelled return is a landmark of its own
+REMOVE_BELOW = 0.05  # probability of existence
 Call = tuple[Any, ...]
 """A kernel and its arguments, `LATER` in the place of the lanes."""
 
@@ -50,6 +52,8 @@ class GaussianEstimator(Estimator):
             of pairings at the same level.
         new_gate: NIS above which, against everything, an unlabelled return is a new landmark; what lies between
             the two gates is dropped.
+        remove_below: "nearest" and "jcbb": probability of existence below which a landmark is removed, and with which
+            false alarms are kept out of the belief (`kernels.existence`); 0 keeps and shows everything.
         budget: largest number of landmarks kept; beyond it the least valuable are marginalised. None: no budget.
     """
 
@@ -65,6 +69,7 @@ class GaussianEstimator(Estimator):
         gate: float = math.inf,
         match_gate: float = MATCH_GATE,
         new_gate: float = NEW_GATE,
+        remove_below: float = REMOVE_BELOW,
         budget: int | None = None,
     ) -> None:
         super().__init__(motion, sensor, target, num_lanes=num_lanes, max_landmarks=max_landmarks)
@@ -75,7 +80,13 @@ class GaussianEstimator(Estimator):
                 raise ValueError(f"{name} must be a positive NIS (chi-square, 2 dof); got {value!r}")
         if new_gate < match_gate:
             raise ValueError(f"new_gate must be at least match_gate ({match_gate}); got {new_gate}")
+        if not 0.0 <= remove_below < 0.4:
+            raise ValueError(
+                f"remove_below is a probability below 0.4, that of a landmark just seen (0: never remove); got "
+                f"{remove_below!r}"
+            )
         self.association = association
+        self.remove_below = 0.0 if association == "known" else float(remove_below)
         self.association_code = _ASSOCIATIONS[association]
         joint = joint_gates(match_gate, max_landmarks + 1) if self.association_code == JCBB else ()
         self.gates: Floats = np.array([gate, match_gate, new_gate, *joint])
@@ -90,7 +101,7 @@ class GaussianEstimator(Estimator):
         self.P: Floats = aligned_zeros(L, self.n_max, self.n_max)
         self.count: Ints = np.zeros(L, dtype=np.int64)
         self.ids: Ints = np.full((L, M), -1, dtype=np.int64)
-        self.first: Floats = np.zeros((L, M, 2))
+        self.first: Floats = np.zeros((L, M, 3))
         self.next_id: Ints = np.zeros(L, dtype=np.int64)
         self.target_known = np.zeros(L, dtype=np.bool_)
         self.pending: Floats = np.zeros((L, 4))
@@ -104,6 +115,8 @@ class GaussianEstimator(Estimator):
         core, marks = ([self.belief.buffers[name] for name in names] for names in (Belief._CORE, Belief._MAP))
         self._core = bind(fill_core, self.mu, self.P, self.models, self.target_known, *core)
         self._map = bind(fill_map, self.mu, self.P, self.n_t, self.count, self.ids, *marks)
+        if self.remove_below > 0.0:
+            self._map = chain(self._map, bind(hide_doubtful, self.first, self.count, *marks))
 
     def _make_budget(self, budget: int | None) -> Any:
         if budget is None:
@@ -191,6 +204,13 @@ class GaussianEstimator(Estimator):
                 self.counters, scan.ranges, scan.labels, scan.count, LATER,
             )  # fmt: skip
             calls.insert(0, vague)
+        if self.remove_below > 0.0:
+            limit = math.log(self.remove_below / (1.0 - self.remove_below))
+            revision = (
+                revise_map, self.mu, self.P, self.models, self.n_t, self.count, self.ids, self.first, self.counters,
+                scan.ranges, scan.bearings, scan.count, scan.complete, float(self.gates[2]), limit, self.slots, LATER,
+            )  # fmt: skip
+            calls.append(revision)
         if self.budget is not None:
             calls.append(self.budget.keeping(scan))
         return calls

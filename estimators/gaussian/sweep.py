@@ -12,8 +12,9 @@ COUNTERS = (
     "reinitialised",  # the target started anew from a return beyond `reinitialise_nis`
     "dropped",  # a return not used: not finite, ambiguous, without a usable label, a second one of a new landmark
     "search_cut",  # a sweep in which "jcbb" ran out of nodes and took the best association found by then
+    "removed",  # an unlabelled landmark that should have been seen again and again and was not
 )
-GATE_REJECTED, NOT_POSITIVE, OVERFLOW, REINITIALISED, DROPPED_RETURN, SEARCH_CUT = range(len(COUNTERS))
+GATE_REJECTED, NOT_POSITIVE, OVERFLOW, REINITIALISED, DROPPED_RETURN, SEARCH_CUT, REMOVED = range(len(COUNTERS))
 
 USED, UNUSABLE, UNLIKELY = 0, 1, 2  # what became of a return
 

@@ -180,9 +180,10 @@ def remove_landmark(mu, P, count, ids, first, lane, slot, n_t):
     n = rows_in_use(n_t, count[lane])
     j, k = ROBOT + n_t + 2 * slot, ROBOT + n_t + 2 * last
     if slot != last:
+        for d in range(first.shape[2]):
+            first[lane, slot, d] = first[lane, last, d]
         for d in range(2):
             mu[lane, j + d] = mu[lane, k + d]
-            first[lane, slot, d] = first[lane, last, d]
             for i in range(n):
                 P[lane, j + d, i] = P[lane, k + d, i]
             # The rows above still hold the old columns of j, j + 1: copy columns after rows.
@@ -191,5 +192,7 @@ def remove_landmark(mu, P, count, ids, first, lane, slot, n_t):
                 P[lane, i, j + d] = P[lane, i, k + d]
         ids[lane, slot] = ids[lane, last]
     clear_rows(mu, P, lane, n, k, 2)
+    for d in range(first.shape[2]):
+        first[lane, last, d] = 0.0
     ids[lane, last] = -1
     count[lane] = last

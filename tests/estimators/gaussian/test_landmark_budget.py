@@ -63,7 +63,7 @@ def test_a_landmark_seen_again_is_new():
     estimator.update(sweep(0, 1, 2))
     assert mapped(estimator) == [0, 1, 2]
     slot = estimator.ids[0].tolist().index(1)
-    assert np.array_equal(estimator.first[0, slot], estimator.belief.landmark_mean[0, slot])
+    assert np.array_equal(estimator.first[0, slot, :2], estimator.belief.landmark_mean[0, slot])
     first = estimator.first[0, slot].copy()
     estimator.update(sweep(0, 1, 2))
     assert np.array_equal(estimator.first[0, slot], first)
