@@ -108,7 +108,7 @@ class Policy(ABC):
 
     summary: ClassVar[str] = ""  # one line for `slam-gym list`
     needs_observation: ClassVar[bool] = False  # whether `act` must be given the observation; else it may get None
-    needs_target_cloud: ClassVar[int] = 0  # points of `belief.target_cloud` that `act` reads; 0: it reads none
+    needs_target_cloud: int = 0  # points of `belief.target_cloud` that `act` reads; 0: it reads none
 
     def __init__(self, context: PolicyContext, num_lanes: int = 1) -> None:
         if num_lanes < 1:

@@ -3,6 +3,7 @@
 from typing import Any
 
 from slam_gym.observation import Observer
+from slam_gym.observation_cloud import CloudObserver
 from slam_gym.policies import Policy
 from slam_gym.scenario import Scenario
 from slam_gym.simulation import Simulation
@@ -19,8 +20,8 @@ class PolicyView:
     def __init__(self, policy: Policy, scenario: Scenario) -> None:
         self._observer: Observer | None = None
         if policy.needs_observation:
-            self._observer = Observer(scenario, policy.num_lanes, **policy.observation_options)
-
+            kind = CloudObserver if policy.needs_target_cloud else Observer
+            self._observer = kind(scenario, policy.num_lanes, **policy.observation_options)
         self._num_points, self._cloud_options = policy.needs_target_cloud, policy.target_cloud_options
 
     def attach(self, simulation: Simulation, driver: int = 0) -> None:

@@ -41,6 +41,7 @@ def export_policy(
     decision_dt: float,
     nearest_landmarks: int = 8,
     sectors: int = 8,
+    target_cloud: int = 0,
     training: Mapping[str, Any] | None = None,
 ) -> str:
     """Write a trained model's policy.
@@ -52,6 +53,7 @@ def export_policy(
         decision_dt: [s] that an action lasts.
         nearest_landmarks: K, landmarks in the observation.
         sectors: S, directions in the observation.
+        target_cloud: points of the cloud in the observation; 0: none.
         training: whatever should be known of how it came about, of JSON types.
 
     Returns:
@@ -77,6 +79,7 @@ def export_policy(
             "size": int(np.prod(model.observation_space.shape or ())),
             "nearest_landmarks": nearest_landmarks,
             "sectors": sectors,
+            "target_cloud": target_cloud,
         },
         "action": action,
         "decision_dt": decision_dt,

@@ -62,6 +62,8 @@ class Train:
     """Landmarks in the observation."""
     sectors: int = 8
     """Directions in the observation."""
+    target_cloud: int = 0
+    """Points that follow a lost target and are summarised in the observation, such as 256; 0: its Gaussian alone."""
     hyperparams: tuple[str, ...] = ()
     """Hyperparameters to change, such as gamma=0.99 learning_rate=lin_1e-3."""
     hyperparams_file: Path | None = None

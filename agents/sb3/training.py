@@ -127,7 +127,7 @@ def make_environment(
     return SlamTargetVectorEnv(
         lanes, scenario=scenario, estimator=estimator.name, estimator_options=estimator.options,
         action=settings.action, reward=parse_settings(settings.reward), nearest_landmarks=settings.nearest_landmarks,
-        sectors=settings.sectors, autoreset_mode=autoreset_mode,
+        sectors=settings.sectors, target_cloud=settings.target_cloud, autoreset_mode=autoreset_mode,
     )  # fmt: skip
 
 
@@ -201,6 +201,7 @@ def _about(settings: "Train", scenario: Scenario, config: dict[str, Any]) -> dic
         "decision_dt": float(scenario.dt * scenario.hold),
         "nearest_landmarks": settings.nearest_landmarks,
         "sectors": settings.sectors,
+        "target_cloud": settings.target_cloud,
         "training": config,
     }
 

@@ -13,6 +13,7 @@ from slam_gym import reward
 from slam_gym.actions import ActionMap
 from slam_gym.envs.scoring import Ending, Scorer
 from slam_gym.observation import Observer
+from slam_gym.observation_cloud import CloudObserver
 from slam_gym.scenario import Scenario
 from slam_gym.simulation import Simulation
 
@@ -77,7 +78,8 @@ class Lanes:
         self.scenario = _scenario(scenario, changes)
         self.num_lanes, self.observation = num_lanes, observation
         self.action_map = ActionMap(self.scenario, action)
-        self.observer = Observer(self.scenario, num_lanes, nearest_landmarks, sectors)
+        kind = CloudObserver if target_cloud else Observer
+        self.observer = kind(self.scenario, num_lanes, nearest_landmarks, sectors)
         self.simulation = Simulation(self.scenario, [(estimator, options)], num_lanes, threads, allow_truth=allow_truth)
         if target_cloud:
             self.simulation.attach_cloud(target_cloud)
@@ -149,6 +151,8 @@ class Lanes:
         else:
             self._belief.refresh()
         self.scorer.complete = self._watch(lanes)
+        if isinstance(self.observer, CloudObserver):
+            self.observer.fill_cloud(self._belief)
 
     def observe(self) -> NDArray[np.float32]:
         """[L, n] flat observations of the last step or reset, a fresh array."""

@@ -119,7 +119,7 @@ class SlamTargetEnv(gym.Env[Any, NDArray[np.float32]]):
     | `terminate_outside`    | `False`      | |
     | `success_error`        | 1.0          | [m] |
     | `allow_truth`          | `False`      | accept reference estimators that are handed the truth |
-    | `target_cloud`         | 0            | points that follow a lost target, for the sectors and for planners |
+    | `target_cloud`         | 0            | points that follow a lost target; above 0 also a block `cloud` |
     | `render_mode`          | `None`       | `"human"` (a window) or `"rgb_array"` |
 
     ## Version History

@@ -12,6 +12,7 @@ from agents.sb3.policy_file import FORMAT
 from agents.sb3.tensors import to_bytes
 from estimators.models import MotionModel, SensorModel, TargetModel
 from slam_gym.observation import Observer
+from slam_gym.observation_cloud import CloudObserver
 from slam_gym.policies import PolicyContext
 from slam_gym.scenario import Scenario
 
@@ -125,13 +126,15 @@ def write_policy():
 
     def write(folder, seed=0, **settings):
         rng = np.random.default_rng(seed)
-        size = Observer(Scenario.load("default"), 1).size
+        cloud = settings.get("target_cloud", 0)
+        size = (CloudObserver if cloud else Observer)(Scenario.load("default"), 1).size
         layer = {"weight": rng.normal(0.0, 0.1, (2, size)), "bias": rng.normal(0.0, 0.3, 2)}
         content = to_bytes({f"policy.action_net.{name}": value.astype(np.float32) for name, value in layer.items()})
         told = {"scenario": "default", "estimator": "ekf", "set": [], "seed": seed, **settings}
         about = {
             "format": FORMAT, "algorithm": "PPO", "policy_kwargs": {"activation_fn": "Tanh"}, "action": "twist",
-            "observation": {"size": size, "nearest_landmarks": 8, "sectors": 8}, "decision_dt": 0.4,
+            "observation": {"size": size, "nearest_landmarks": 8, "sectors": 8, "target_cloud": cloud},
+            "decision_dt": 0.4,
             "normalisation": None, "sha256": hashlib.sha256(content).hexdigest(),
             "training": {"settings": told, "hyperparameters": {"gamma": 0.98}},
         }  # fmt: skip

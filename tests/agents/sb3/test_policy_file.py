@@ -134,6 +134,23 @@ def test_it_drives_as_in_its_environment(folder):
         np.testing.assert_allclose(episode.simulation.world.pose, env.simulation.world.pose, atol=1e-6)
 
 
+def test_it_is_shown_the_cloud_that_it_was_trained_with(write_policy, tmp_path):
+    """As the environment shows it: same points, same actions."""
+    path = write_policy(tmp_path / "cloudy", target_cloud=32)
+    episode = Episode(Scenario.load("discovery", max_steps=40), ["ekf"], policy=path, seed=5)
+    env = gym.make("SlamTarget-v0", scenario="discovery", target_cloud=32, scenario_options={"hold": 4}).unwrapped
+    shown, _ = env.reset(seed=5)
+    network = load_policy(tmp_path / "cloudy")[1]
+    for _ in range(10):
+        action = np.zeros((1, 2))
+        network.act(shown[None], np.zeros(1, dtype=np.int64), action)
+        for _ in range(4):
+            episode.step()
+        shown, *_ = env.step(action[0])
+    np.testing.assert_allclose(episode.simulation.world.pose, env.simulation.world.pose, atol=1e-6)
+    np.testing.assert_array_equal(episode.simulation.clouds[0].points()[0], env.simulation.clouds[0].points()[0])
+
+
 def test_compare_drives_with_it(folder):
     spec = Spec.parse(f"learned:path={folder}")
     combination = Combination(Scenario.load("default", max_steps=12), spec, (Spec.parse("ekf"),), 0)
