@@ -33,7 +33,8 @@ LABELS = {
 DEGREES = {"pose_nees": 3, "target_nees": 2, "landmark_nees": 2}
 
 
-def _figure(width: float, height: float, **kwargs: Any) -> tuple[Figure, Any]:
+def new_figure(width: float, height: float, **kwargs: Any) -> tuple[Figure, Any]:
+    """An empty figure [inches] in this project's look, and its axes as `Figure.subplots` gives them."""
     figure = Figure(figsize=(width, height), layout="constrained", dpi=110)
     axes = figure.subplots(**kwargs)
     for axis in np.atleast_1d(axes).ravel():
@@ -43,7 +44,7 @@ def _figure(width: float, height: float, **kwargs: Any) -> tuple[Figure, Any]:
 
 def over_time(series: pd.DataFrame, metrics: tuple[str, ...] = ("robot_error", "target_error_rel")) -> Figure:
     """Mean over runs of each metric against time, one line per estimator."""
-    figure, axes = _figure(9.0, 2.6 * len(metrics), nrows=len(metrics), sharex=True, squeeze=False)
+    figure, axes = new_figure(9.0, 2.6 * len(metrics), nrows=len(metrics), sharex=True, squeeze=False)
     for axis, metric in zip(axes[:, 0], metrics, strict=True):
         _lines(axis, series, metric)
         axis.set_ylabel(LABELS[metric])
@@ -53,7 +54,7 @@ def over_time(series: pd.DataFrame, metrics: tuple[str, ...] = ("robot_error", "
 
 def nees_over_time(series: pd.DataFrame, metrics: tuple[str, ...] = ("pose_nees", "target_nees")) -> Figure:
     """Mean NEES over runs against time, with the interval that holds it in 95 % of cases if the filter is honest."""
-    figure, axes = _figure(9.0, 2.9 * len(metrics), nrows=len(metrics), sharex=True, squeeze=False)
+    figure, axes = new_figure(9.0, 2.9 * len(metrics), nrows=len(metrics), sharex=True, squeeze=False)
     runs = int(series["runs"].max()) if len(series) else 1
     for axis, metric in zip(axes[:, 0], metrics, strict=True):
         dof = DEGREES[metric]
@@ -83,7 +84,7 @@ def _finish_time(figure: Figure, axes: Any) -> Figure:
 def error_distributions(runs: pd.DataFrame, metrics: tuple[str, ...] = ("robot_error", "target_error_rel")) -> Figure:
     """Each run's mean error as a dot, the middle half as a box, per estimator."""
     names = list(dict.fromkeys(runs["estimator"]))
-    figure, axes = _figure(9.0, 0.9 + 0.36 * len(names), ncols=len(metrics), sharey=True, squeeze=False)
+    figure, axes = new_figure(9.0, 0.9 + 0.36 * len(names), ncols=len(metrics), sharey=True, squeeze=False)
     look = styles(names)
     jitter = np.random.default_rng(0)
     for axis, metric in zip(axes[0], metrics, strict=True):
@@ -115,7 +116,7 @@ def _positive_axis(axis: Axes, values: pd.Series) -> None:
 
 def cost_against_accuracy(summary: pd.DataFrame) -> Figure:
     """Time per step against error; the ring's size grows with the pose's overconfidence."""
-    figure, axis = _figure(6.4, 4.2)
+    figure, axis = new_figure(6.4, 4.2)
     look = styles(summary["estimator"])
     for row in summary.to_dict("records"):
         cost, error = row["predict_us"] + row["update_us"], row["robot_error_rmse"]
@@ -142,7 +143,7 @@ def trajectories(tracks: pd.DataFrame, landmarks: pd.DataFrame, *, run: int | No
     names = list(dict.fromkeys(tracks["estimator"]))
     columns = min(3, max(1, len(names)))
     rows = math.ceil(max(1, len(names)) / columns)
-    figure, axes = _figure(
+    figure, axes = new_figure(
         3.5 * columns, 3.6 * rows + 0.4, nrows=rows, ncols=columns, sharex=True, sharey=True, squeeze=False
     )
     for axis in axes.ravel()[len(names) :]:

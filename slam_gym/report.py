@@ -4,7 +4,6 @@ No network, no script other than the sorting of tables; the pictures are embedde
 """
 
 import base64
-import io
 import math
 from dataclasses import dataclass, field
 from importlib.resources import files
@@ -124,7 +123,7 @@ def write_report(results: str | Path | Results) -> Path:
     """
     found = results if isinstance(results, Results) else Results.load(results)
     sections = [_section(found, *key) for key in _keys(found.summary)]
-    page = _template().render(
+    page = render_page(
         title=_title(found.summary),
         summary=_headline(found),
         sections=sections,
@@ -136,9 +135,13 @@ def write_report(results: str | Path | Results) -> Path:
     return path
 
 
-def _template() -> Any:
+def render_page(
+    *, title: str, summary: list[str], sections: list[Section], command: str, provenance: list[tuple[str, str]]
+) -> str:
+    """The whole page: headline sentences, sections, and how it was made."""
     source = files("slam_gym").joinpath("templates/report.html").read_text(encoding="utf-8")
-    return Environment(autoescape=True, trim_blocks=True, lstrip_blocks=True).from_string(source)
+    template = Environment(autoescape=True, trim_blocks=True, lstrip_blocks=True).from_string(source)
+    return template.render(title=title, summary=summary, sections=sections, command=command, provenance=provenance)
 
 
 def _keys(summary: pd.DataFrame) -> list[tuple[str, str]]:
@@ -251,13 +254,20 @@ def _drawings(
 
 
 def _figure(found: Results, scenario: str, policy: str, name: str, figure: Figure, caption: str) -> dict[str, str]:
-    buffer = io.BytesIO()
-    figure.savefig(buffer, format="png")
-    folder = Path(found.path) / "figures"
-    folder.mkdir(exist_ok=True)
     stem = "-".join("".join(c if c.isalnum() else " " for c in f"{scenario} {policy} {name}").split())
-    (folder / f"{stem}.png").write_bytes(buffer.getvalue())
-    return {"caption": caption, "data": base64.b64encode(buffer.getvalue()).decode()}
+    return embedded(save_png(figure, Path(found.path) / "figures" / f"{stem}.png"), caption)
+
+
+def save_png(figure: Figure, path: Path) -> Path:
+    """Draw a figure into a file, the folder made if need be."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    figure.savefig(path, format="png")
+    return path
+
+
+def embedded(picture: Path, caption: str) -> dict[str, str]:
+    """A PNG file as the page's template wants it."""
+    return {"caption": caption, "data": base64.b64encode(picture.read_bytes()).decode()}
 
 
 def _provenance(config: dict[str, Any]) -> list[tuple[str, str]]:
