@@ -16,6 +16,7 @@ COMMANDS = {
     "watch": ("slam_gym.commands.watch:Watch", "one episode in a live window"),
     "replay": ("slam_gym.commands.replay:Replay", "a recorded robot through the same estimators and metrics"),
     "export": ("slam_gym.commands.export:Export", "write a simulated run in a recorded robot's format"),
+    "reproduce": ("slam_gym.commands.reproduce:Reproduce", "tables and figures of four papers, each with a verdict"),
     "report": ("slam_gym.commands.report:Report", "draw a results folder again: report.html and pictures"),
     "train": ("agents.sb3.train:Train", "train a policy (PPO, SAC) on many worlds at once"),
     "evaluate": ("agents.evaluate:Evaluate", "judge a policy in worlds it has never seen: win, tie or loss"),
