@@ -21,6 +21,9 @@ COMMANDS = {
     "train": ("agents.sb3.train:Train", "train a policy (PPO, SAC) on many worlds at once"),
     "evaluate": ("agents.evaluate:Evaluate", "judge a policy in worlds it has never seen: win, tie or loss"),
     "merge": ("slam_gym.commands.merge:Merge", "put the shards of one comparison together"),
+    "benchmark": ("slam_gym.commands.benchmark:Benchmark", "how fast it is here, against what people use today"),
+    "warmup": ("slam_gym.commands.warmup:Warmup", "compile the estimators ahead of their first use"),
+    "doctor": ("slam_gym.commands.doctor:Doctor", "versions, compiled kernels, processor, a short speed check"),
     "list": ("slam_gym.commands.list:List", "scenarios, estimators, policies, environments; or the page of one"),
 }
 

@@ -13,15 +13,15 @@ import math
 import shutil
 import tempfile
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
 
-import joblib
 import pandas as pd
 
 from slam_gym import tables
+from slam_gym.evaluation_backend import Backend, Workers, workers
 from slam_gym.evaluation_folder import (
     SETTINGS,
     check_runs,
@@ -64,6 +64,8 @@ def compare(
     resume: bool = False,
     shard: tuple[int, int] = (1, 1),
     jobs: int | None = None,
+    backend: Backend = "processes",
+    address: str | None = None,
     chunk: int | None = None,
     command: str = "",
     progress: Progress | None = None,
@@ -89,7 +91,9 @@ def compare(
         out: folder for the results; None: nothing stays on disk.
         resume: go on in `out`; settings must be the same, `runs` may have grown.
         shard: (i, n): only every n-th run, from the i-th; `merge` puts the n folders together.
-        jobs: processes; None: one per CPU.
+        jobs: workers at once; None: one per CPU, of this machine or of the cluster.
+        backend: "processes" of this machine, or "ray": tasks on a Ray cluster whose machines share the disk of `out`.
+        address: of the cluster, "auto" for the one that this machine belongs to; None: Ray is started here.
         chunk: runs in a unit; None: chosen. Changes no number.
         command: recorded with the results.
         progress: called as work goes on.
@@ -106,7 +110,6 @@ def compare(
         raise ValueError(f"chunk must be at least 1; got {chunk}")
     if not 1 <= shard[0] <= shard[1]:
         raise ValueError(f"shard i/n needs 1 <= i <= n; got {shard[0]}/{shard[1]}")
-    jobs = _job_count(jobs)
     settings = dict(overrides or {})
     if noise_inflation is not None:
         settings["filter.noise_inflation"] = noise_inflation
@@ -120,11 +123,13 @@ def compare(
         if out is not None:
             open_folder(folder, plan, resume)
         wanted = [run for run in range(runs) if run % shard[1] == shard[0] - 1]
-        _work(plan, wanted, folder, jobs, chunk, progress or _silent)
+        with workers(jobs, backend, address) as crew:
+            _work(plan, wanted, folder, crew, chunk, progress or _silent)
         how = {
             "runs": runs,
             "shard": f"{shard[0]}/{shard[1]}",
-            "jobs": jobs,
+            "jobs": crew.jobs,
+            "backend": crew.backend,
             "seconds": round(time.time() - started, 1),
         }
         results = collect(plan, folder, wanted, {"command": command, **how})
@@ -140,24 +145,18 @@ def _silent(what: str, done: int, total: int) -> None:
     """Progress that nobody watches."""
 
 
-def _job_count(jobs: int | None) -> int:
-    if jobs is None:
-        return int(joblib.cpu_count())
-    if jobs < 1:
-        raise ValueError(f"jobs must be at least 1; got {jobs}")
-    return int(jobs)
-
-
 # ------------------------------------------------------------------------------------------------------ the work
 
 
-def _work(plan: Plan, wanted: Sequence[int], folder: Path, jobs: int, chunk: int | None, progress: Progress) -> None:
+def _work(
+    plan: Plan, wanted: Sequence[int], folder: Path, crew: Workers, chunk: int | None, progress: Progress
+) -> None:
     """Everything that is not done yet."""
     units: list[Unit] = []
     for index, combination in enumerate(plan.combinations):
         done = finished_runs(folder, index)
         missing = [run for run in wanted if run not in done]
-        size = chunk or _chunk(combination, len(missing), jobs * UNITS_PER_JOB / len(plan.combinations))
+        size = chunk or _chunk(combination, len(missing), crew.jobs * UNITS_PER_JOB / len(plan.combinations))
         for first in range(0, len(missing), size):
             runs = tuple(missing[first : first + size])
             units.append(Unit(index, runs, folder / "parts" / f"{index:03d}" / f"{runs[0]:06d}.npz"))
@@ -166,9 +165,11 @@ def _work(plan: Plan, wanted: Sequence[int], folder: Path, jobs: int, chunk: int
     if not units:
         return
     progress("compiling", finished, total)
-    _warm_up(plan, jobs)
+    _warm_up(plan, crew)
     progress("simulating", finished, total)
-    for unit in _spread([joblib.delayed(run_unit)(plan, unit) for unit in units], jobs):
+    for unit in crew.results([(run_unit, (plan, unit)) for unit in units]):
+        if not unit.path.is_file():
+            raise OSError(f"a worker has done {str(unit.path)!r}, which is not here: do the machines share that disk?")
         finished += len(unit.runs)
         progress(plan.combinations[unit.combination].name, finished, total)
 
@@ -179,23 +180,16 @@ def _chunk(combination: Combination, runs: int, units: float) -> int:
     return max(1, min(most, math.ceil(runs / max(1.0, units))))
 
 
-def _warm_up(plan: Plan, jobs: int) -> None:
+def _warm_up(plan: Plan, crew: Workers) -> None:
     """Fill the cache of compiled kernels once, each estimator in one process, before all workers need it."""
-    if jobs == 1:
+    if crew.is_here:
         return  # run_unit warms up its own process
     seen: dict[str, Any] = {}
     for combination in plan.combinations:
         for spec in combination.estimators:
             seen.setdefault(spec.name, (combination, [spec]))
-    for _ in _spread([joblib.delayed(warm_up)(*arguments) for arguments in seen.values()], jobs):
+    for _ in crew.results([(warm_up, arguments) for arguments in seen.values()]):
         pass
-
-
-def _spread(tasks: list[Any], jobs: int) -> Iterator[Any]:
-    """Results as they come."""
-    if jobs == 1:
-        return (function(*args, **kwargs) for function, args, kwargs in tasks)
-    return iter(joblib.Parallel(n_jobs=jobs, return_as="generator_unordered", batch_size=1)(tasks))
 
 
 # ------------------------------------------------------------------------------------------------------ the tables

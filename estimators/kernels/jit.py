@@ -82,7 +82,8 @@ def cache_root() -> Path:
 
 
 @cache
-def _writable(folder: Path) -> bool:
+def is_writable(folder: Path) -> bool:
+    """Whether files can be made in a folder, which is made where it is missing."""
     try:
         folder.mkdir(parents=True, exist_ok=True)
         with tempfile.TemporaryFile(dir=folder):
@@ -113,7 +114,7 @@ class _StampedLocator(caching._CacheLocator):
             return None
         locator = cls(py_func, py_file)
         # Declining would hand our kernels to numba's own locators, whose stamp misses edits to called functions.
-        if not Path(py_file).is_file() or not _writable(Path(locator.get_cache_path())):
+        if not Path(py_file).is_file() or not is_writable(Path(locator.get_cache_path())):
             raise RuntimeError("no folder for this compiled kernel")
         return locator
 

@@ -36,6 +36,9 @@ class Compare:
       slam-gym compare --runs 4000 --out a --shard 1/2      on one machine, and 2/2 with --out b on another;
       slam-gym merge a b --out all                          then put them together
 
+      slam-gym compare --runs 4000 --backend ray --address auto
+          on a Ray cluster: the same numbers; what a lost worker was doing is done again
+
       slam-gym compare --runs 4000 --out a --resume         go on after Ctrl-C, a crash, or for more runs
     """
 
@@ -64,7 +67,11 @@ class Compare:
     burn_in: int | None = None
     """First steps that are not scored instead of the scenario's (at least 1: the covariance there is singular)."""
     jobs: int | None = None
-    """Processes; default: one per CPU."""
+    """Workers at once; default: one per CPU, of this machine or of the cluster."""
+    backend: Literal["processes", "ray"] = "processes"
+    """processes: on this machine. ray: on a Ray cluster whose machines share the disk of --out (extra `cluster`)."""
+    address: str | None = None
+    """Of the Ray cluster, "auto" for the one this machine belongs to; default: Ray is started here."""
     out: Path | None = None
     """Folder of the results; default: results/compare-SCENARIO."""
     resume: bool = False
@@ -92,7 +99,8 @@ class Compare:
                 runs=self.runs, seed=self.seed, mode=self.mode, driver=self.driver or None, steps=self.steps,
                 burn_in=self.burn_in, overrides=parse_settings(self.set), estimator_options=options,
                 noise_inflation=self.noise_inflation, out=out, resume=self.resume, shard=parse_shard(self.shard),
-                jobs=self.jobs, command=shlex.join(["slam-gym", *sys.argv[1:]]), progress=progress,
+                jobs=self.jobs, backend=self.backend, address=self.address,
+                command=shlex.join(["slam-gym", *sys.argv[1:]]), progress=progress,
             )  # fmt: skip
         finish(results, Console(), print_results)
         return 0
@@ -122,8 +130,8 @@ def parse_shard(text: str) -> tuple[int, int]:
 
 
 @contextmanager
-def progress_bar() -> Iterator["Progress"]:
-    """A bar on a terminal; a line now and then elsewhere."""
+def progress_bar(units: str = "runs") -> Iterator["Progress"]:
+    """A bar on a terminal; a line now and then elsewhere. units: what is counted."""
     from rich.console import Console
     from rich.progress import (
         BarColumn,
@@ -135,7 +143,7 @@ def progress_bar() -> Iterator["Progress"]:
     )
 
     console = Console(stderr=True)
-    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TextColumn("runs"),
+    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TextColumn(units),
                TimeElapsedColumn(), TextColumn("left"), TimeRemainingColumn())  # fmt: skip
     with Progress(*columns, console=console, disable=not console.is_terminal) as bar:
         task = bar.add_task("starting", total=None)
@@ -143,6 +151,6 @@ def progress_bar() -> Iterator["Progress"]:
         def report(what: str, done: int, total: int) -> None:
             bar.update(task, description=what, completed=done, total=total)
             if not console.is_terminal:
-                console.print(f"{what}: {done} of {total} runs", highlight=False)
+                console.print(f"{what}: {done} of {total} {units}", highlight=False)
 
         yield report

@@ -217,4 +217,5 @@ class NumpyEnv:
 
 
 def wrap(angle):
+    """Within [-pi, pi)."""
     return (angle + np.pi) % (2.0 * np.pi) - np.pi

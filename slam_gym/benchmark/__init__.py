@@ -1,0 +1,1 @@
+"""How fast it is, against what people use today, all in one process: `slam-gym benchmark`."""

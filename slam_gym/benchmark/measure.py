@@ -1,0 +1,74 @@
+"""All of the benchmark's measurements, as one dictionary of rows that JSON can hold."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from slam_gym.benchmark import scaling
+from slam_gym.benchmark.environment import environment_rows
+from slam_gym.benchmark.filters import blas_rows, filter_rows
+from slam_gym.benchmark.floors import peak_gflops
+from slam_gym.benchmark.machine import machine
+
+Progress = Callable[[str, int, int], None]  # (what is being measured, measurements done, in all)
+
+
+@dataclass(frozen=True)
+class Size:
+    """How much is measured."""
+
+    rounds: int = 30
+    lanes: tuple[int, ...] = (1, 4, 16, 64, 256, 1024, 4096)
+    compared_lanes: tuple[int, ...] = (1, 64, 256, 1024)
+    landmarks: tuple[int, ...] = (10, 20, 50, 100, 200, 500, 1000)
+    particles: tuple[int, ...] = (10, 30, 100, 300, 1000, 3000, 10000)
+    blas_landmarks: tuple[int, ...] = (20, 50, 100, 500)
+    gaussian: tuple[str, ...] = ("ekf", "fej-ekf", "ri-ekf", "cdkf", "ri-cdkf", "taylor-ekf")
+    scaled: tuple[str, ...] = ("ekf", "ri-ekf", "cdkf")
+    particle: tuple[str, ...] = ("slamto", "fastslam2")
+    others: bool = True  # Gymnasium's own vector environments, other packages' filters
+
+
+QUICK = Size(
+    rounds=5, lanes=(1, 64, 256), compared_lanes=(1, 256), landmarks=(10, 100), particles=(10, 100),
+    blas_landmarks=(20, 100), gaussian=("ekf", "ri-ekf"), scaled=("ekf",), particle=("fastslam2",),
+)  # fmt: skip
+
+
+def measure(size: Size, progress: Progress) -> dict[str, Any]:
+    """Every table, each measured in one stretch; the keys are what `slam_gym.benchmark.page` reads."""
+    steps = 4 + len(size.scaled) * len(size.landmarks) + len(size.particle) * len(size.particles) + len(size.lanes)
+    count = [0]
+
+    def note(what: str) -> None:
+        progress(what, count[0], steps)
+
+    def done() -> None:
+        count[0] += 1
+
+    def take(what: str, work: Callable[..., Any], *arguments: Any) -> Any:
+        note(what)
+        found = work(*arguments)
+        done()
+        return found
+
+    found: dict[str, Any] = {"machine": machine()}
+    found["peak_gflops"] = take("peak of the processor", peak_gflops)
+    found["environment"] = take("environments", environment_rows, size.compared_lanes, size.rounds, size.others)
+    found["filters"] = take("filters", filter_rows, size.gaussian, 20, size.rounds, size.others)
+    found["blas"] = take("filter and BLAS", blas_rows, size.blas_landmarks, size.rounds)
+    few = max(3, size.rounds // 3)
+    note("growth with the map")
+    found["landmarks"] = scaling.landmark_rows(size.scaled, size.landmarks, few, done)
+    note("growth with the particles")
+    found["particles"] = scaling.particle_rows(size.particle, size.particles, few, done)
+    note("growth with the lanes")
+    found["lanes"] = scaling.lane_rows(size.lanes, few, done)
+    progress("done", steps, steps)
+    return found
+
+
+def growth(rows: Sequence[dict[str, Any]], key: str, name: str) -> float:
+    """The exponent of one filter's cost in `key`."""
+    mine = [row for row in rows if row.get("name", name) == name]
+    return scaling.exponent([row[key] for row in mine], [row["microseconds"] for row in mine])

@@ -1,0 +1,98 @@
+"""What the benchmark compares does the same work."""
+
+import numpy as np
+import pytest
+
+from slam_gym.benchmark import foreign, measure, page, scaling, stream, textbook, timing
+from slam_gym.cli import main
+
+SECTIONS = ["## A step of the environment", "## A step of a filter", "## Against BLAS", "## Growth"]
+
+
+@pytest.fixture(scope="module")
+def drive():
+    return stream.make_stream(12)
+
+
+@pytest.fixture(scope="module")
+def ours(drive):
+    """The joint EKF's mean after each step."""
+    estimator, means = stream.settled("ekf", drive), []
+    for sweep in drive.rest:
+        estimator.predict(np.array([sweep.control]), stream.DT)
+        estimator.update(sweep.scan())
+        means.append(estimator.joint(0)[0])
+    return np.array(means)
+
+
+@pytest.mark.parametrize(("package", "name"), [("filterpy", "FilterPyEKF"), ("stonesoup", "StoneSoupEKF")])
+def test_a_foreign_filter_believes_the_same(package, name, drive, ours):
+    pytest.importorskip(package)
+    other = getattr(foreign, name)(stream.settled("ekf", drive))
+    for k, sweep in enumerate(drive.rest):
+        other.step(sweep)
+        np.testing.assert_allclose(other.mean, ours[k], atol=1e-9)
+
+
+def test_the_textbook_jacobians_are_derivatives():
+    rng = np.random.default_rng(1)
+    x = np.append(rng.standard_normal(7), rng.uniform(2, 5, 4))
+    control, step = (0.5, 0.3), 1e-6
+    for j in (3, 9):
+        numeric = [(textbook.expected(x + d, j) - textbook.expected(x - d, j)) / (2 * step) for d in step * np.eye(11)]
+        np.testing.assert_allclose(textbook.return_jacobian(x, j), np.transpose(numeric), atol=1e-8)
+    numeric = [
+        (textbook.moved(x + d, control) - textbook.moved(x - d, control)) / (2 * step) for d in step * np.eye(11)
+    ]
+    np.testing.assert_allclose(textbook.motion_jacobian(x, control), np.transpose(numeric), atol=1e-8)
+
+
+def test_interleaved_times_rank_works_by_their_cost():
+    numbers = np.ones(200_000)
+    works = {"little": lambda: numbers[:2000].sum(), "much": lambda: numbers.sum()}
+    found = timing.least_seconds(works, rounds=5, slice_seconds=0.002)
+    assert 0.0 < found["little"] < found["much"]
+
+
+def test_exponent_of_a_power_law():
+    sizes = [1, 10, 100, 1000]
+    assert scaling.exponent(sizes, [3.0 * n**1.5 for n in sizes]) == pytest.approx(1.5)
+
+
+@pytest.fixture(scope="module")
+def found():
+    """The smallest measurement of everything."""
+    tiny = measure.Size(
+        rounds=1, lanes=(1, 2), compared_lanes=(1,), landmarks=(10, 20), particles=(10, 20), blas_landmarks=(10,),
+        gaussian=("ekf",), scaled=("ekf",), particle=("fastslam2",), others=False,
+    )  # fmt: skip
+    told = []
+    result = measure.measure(tiny, lambda what, done, total: told.append((done, total)))
+    assert told[-1][0] == told[-1][1] == max(done for done, _ in told)
+    return result
+
+
+def test_the_page_has_every_table(found):
+    text = page.page(found, "slam-gym benchmark")
+    assert [line for line in text.splitlines() if line.startswith("## ")] == SECTIONS
+    for name in ("clean NumPy", "gym.make", "CartPole", "`ekf`, us", "exponent"):
+        assert name in text
+
+
+def test_benchmark_says_where_it_cannot_write(tmp_path, capsys):
+    assert main(["benchmark", "--quick", "--write", str(tmp_path / "missing" / "page.md")]) == 2
+    assert "no folder" in capsys.readouterr().err
+
+
+def test_doctor_names_versions_and_cache(capsys):
+    assert main(["doctor", "--no-speed"]) == 0
+    told = capsys.readouterr().out
+    for word in ("numba", "gymnasium", "processor", "kernel cache", "writable"):
+        assert word in told
+
+
+def test_warmup_compiles_and_refuses_unknown_names(capsys):
+    assert main(["warmup", "dead-reckoning"]) == 0
+    assert "1 compiled" in capsys.readouterr().out
+    assert main(["warmup", "ekff"]) == 2
+    assert "Did you mean 'ekf'" in capsys.readouterr().err
