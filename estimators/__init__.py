@@ -5,10 +5,14 @@
 ['dead-reckoning', 'ekf', 'ideal-ekf', 'fej-ekf', 'ri-ekf', 'cdkf', 'slamto', 'independent']
 """
 
+from typing import TYPE_CHECKING, Any
+
 from estimators.interface import TARGET, UNKNOWN, Belief, Estimator, Scan, TruthAware
 from estimators.models import MotionModel, SensorModel, TargetModel
 from estimators.registry import get, make, names, register
-from estimators.target_cloud import TargetCloud
+
+if TYPE_CHECKING:
+    from estimators.target_cloud import TargetCloud
 
 __all__ = [
     "TARGET",
@@ -26,3 +30,12 @@ __all__ = [
     "names",
     "register",
 ]
+
+
+def __getattr__(name: str) -> Any:
+    """`TargetCloud` on first use: its kernels bring numba, which takes most of a second to import."""
+    if name == "TargetCloud":
+        from estimators.target_cloud import TargetCloud
+
+        return TargetCloud
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
