@@ -57,6 +57,7 @@ def compare(
     steps: int | None = None,
     burn_in: int | None = None,
     overrides: Mapping[str, Any] | None = None,
+    sweep: Mapping[str, Sequence[Any]] | None = None,
     estimator_options: Mapping[str, Mapping[str, Any]] | None = None,
     noise_inflation: float | None = None,
     tracks: int = 1,
@@ -85,6 +86,8 @@ def compare(
         steps: simulation steps of a run; None: the scenario's.
         burn_in: first steps that are not scored; None: the scenario's, and at least the first.
         overrides: dotted scenario settings, {"sensor.max_range": 5.0}, for all scenarios.
+        sweep: values by dotted setting, {"target.speed": [0.8, 1.0, 1.2]}; each (and each combination) is a scenario
+            of its own with the same random draws.
         estimator_options: options by estimator name.
         noise_inflation: factor on the measurement covariance that the filters assume ("filter.noise_inflation").
         tracks: first runs whose trajectories are kept.
@@ -116,7 +119,7 @@ def compare(
     plan = make_plan(
         [scenarios] if isinstance(scenarios, (str, Path, Scenario)) else scenarios, estimators, policies,
         seed=seed, mode=mode, driver=driver, steps=steps, burn_in=burn_in, tracks=tracks, overrides=settings,
-        estimator_options=estimator_options or {},
+        estimator_options=estimator_options or {}, sweep=sweep,
     )  # fmt: skip
     folder = Path(tempfile.mkdtemp(prefix="slam-gym-")) if out is None else Path(out)
     try:

@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from itertools import product
 from typing import Any, Literal
 
 import numpy as np
@@ -91,6 +92,7 @@ def make_plan(
     tracks: int,
     overrides: Mapping[str, Any],
     estimator_options: Mapping[str, Mapping[str, Any]],
+    sweep: Mapping[str, Sequence[Any]] | None = None,
 ) -> Plan:
     """Check everything that can be wrong before any work starts.
 
@@ -103,7 +105,11 @@ def make_plan(
         if steps < 1:
             raise ValueError(f"steps must be at least 1; got {steps}")
         overrides = {**overrides, "max_steps": steps}
-    loaded = [Scenario.load(scenario, **overrides) for scenario in _listed(scenarios)]
+    loaded = [
+        variant
+        for scenario in _listed(scenarios)
+        for variant in sweep_scenario(Scenario.load(scenario, **overrides), sweep or {})
+    ]
     _distinct("scenario", [scenario.name for scenario in loaded])
     combinations = []
     for scenario in loaded:
@@ -114,6 +120,27 @@ def make_plan(
             weights = _try(scenario, policy, specs)
             combinations.append(Combination(scenario, policy, specs, lead, unscored, weights))
     return Plan(tuple(combinations), int(seed), mode, int(tracks))  # type: ignore[arg-type]
+
+
+def sweep_scenario(scenario: Scenario, sweep: Mapping[str, Sequence[Any]]) -> list[Scenario]:
+    """The scenario with every combination of the values given by dotted key, each named after them.
+
+    The random draws are the same for all values, so that neighbours differ by the value alone.
+
+    Raises:
+        ValueError: a key without values, an unknown key, or an impossible value.
+    """
+    for key, values in sweep.items():
+        if not len(values):
+            raise ValueError(f"sweep {key!r} needs at least one value")
+    if not sweep:
+        return [scenario]
+    variants = []
+    for values in product(*sweep.values()):
+        chosen = dict(zip(sweep, values, strict=True))
+        name = f"{scenario.name} {' '.join(f'{key}={value}' for key, value in chosen.items())}"
+        variants.append(Scenario.load(scenario, **chosen, name=name))
+    return variants
 
 
 def _burn_in(scenario: Scenario, chosen: int | None) -> int:

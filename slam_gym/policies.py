@@ -141,6 +141,17 @@ class Policy(ABC):
         return np.maximum(np.minimum(self.context.action_map.to_action(command), 1.0), -1.0)  # np.clip is slower
 
 
+class TruthAwarePolicy(ABC):
+    """Mixin of reference policies that are handed the truth before every decision: a yardstick, nothing one could use.
+
+    Comparisons and single runs call `set_truth` and mark the name; environments and training never do.
+    """
+
+    @abstractmethod
+    def set_truth(self, pose: Floats, target: Floats) -> None:
+        """Pass pose [L, 3] and target [L, 4] (x, y, velocity_x, velocity_y) of the world."""
+
+
 _registered: dict[str, type[Policy]] = {}
 
 
@@ -191,6 +202,14 @@ def parse(text: Any) -> Spec:
     if not isinstance(text, str) or spec.name in names() or not (os.sep in text or Path(text).exists()):
         return spec
     return Spec(text.rstrip(os.sep), TRAINED, {"path": text})
+
+
+def is_reference(label: str) -> bool:
+    """Whether a policy's label names one that is told the truth."""
+    try:
+        return issubclass(get(label.partition(":")[0]), TruthAwarePolicy)
+    except (ValueError, ImportError, AttributeError):  # results of a plug-in that is not installed here
+        return False
 
 
 def options(name: str) -> dict[str, Any]:

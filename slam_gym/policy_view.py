@@ -1,10 +1,13 @@
-"""What a policy is shown: an observation and a target cloud where it needs them, else neither, at no cost."""
+"""What a policy is shown: an observation and a target cloud where it needs them, else neither, at no cost.
+
+A `TruthAwarePolicy` is handed the truth here and nowhere else.
+"""
 
 from typing import Any
 
 from slam_gym.observation import Observer
 from slam_gym.observation_cloud import CloudObserver
-from slam_gym.policies import Policy
+from slam_gym.policies import Policy, TruthAwarePolicy
 from slam_gym.scenario import Scenario
 from slam_gym.simulation import Simulation
 
@@ -22,6 +25,7 @@ class PolicyView:
         if policy.needs_observation:
             kind = CloudObserver if policy.needs_target_cloud else Observer
             self._observer = kind(scenario, policy.num_lanes, **policy.observation_options)
+        self._told = policy if isinstance(policy, TruthAwarePolicy) else None
         self._num_points, self._cloud_options = policy.needs_target_cloud, policy.target_cloud_options
 
     def attach(self, simulation: Simulation, driver: int = 0) -> None:
@@ -31,9 +35,11 @@ class PolicyView:
 
     def observe(self, simulation: Simulation, driver: int = 0) -> Any:
         """[L, n] float32 of the belief of estimator number `driver`; None where the policy needs none."""
+        world = simulation.world
+        if self._told is not None:
+            self._told.set_truth(world.pose, world.target)
         if self._observer is None:
             return None
-        world = simulation.world
         self._observer.border[:, 0] = 0.5 * world.numbers["arena_width"]
         self._observer.border[:, 1] = 0.5 * world.numbers["arena_height"]
         return self._observer.observe(simulation.estimators[driver].belief, world)

@@ -14,7 +14,8 @@ import pandas as pd
 from jinja2 import Environment
 from matplotlib.figure import Figure
 
-from slam_gym import plots
+from slam_gym import plots, policies
+from slam_gym.gaps import METRICS, share_text
 from slam_gym.results import Results
 from slam_gym.specs import is_reference
 from slam_gym.tables import PAIRED
@@ -191,8 +192,9 @@ def _sentences(summary: pd.DataFrame, paired: pd.DataFrame) -> list[str]:
 
 def _section(found: Results, scenario: str, policy: str) -> Section:
     summary, runs = _pick(found.summary, scenario, policy), _pick(found.runs, scenario, policy)
+    told = " (told the truth)" * policies.is_reference(policy)
     section = Section(
-        f"{scenario}, policy {policy}", _sentences(summary, _pick(found.paired, scenario, policy).head(0))
+        f"{scenario}, policy {policy}{told}", _sentences(summary, _pick(found.paired, scenario, policy).head(0))
     )
     section.tables = [
         _table("Accuracy and cost", ACCURACY, summary, "± is the standard deviation over runs."),
@@ -200,6 +202,7 @@ def _section(found: Results, scenario: str, policy: str) -> Section:
                "In brackets what an honest filter scores; marked where it is over one and a half times that."),
         _table("Target, by time since it was last seen", AGES, summary, "NEES here is the mean."),
         _paired_table(_pick(found.paired, scenario, policy)),
+        _gap_table(_pick(found.gaps, scenario, policy)),
     ]  # fmt: skip
     section.tables = [table for table in section.tables if table.rows]
     drawings = _drawings(found, summary, runs, scenario, policy)
@@ -227,6 +230,22 @@ def _paired_table(paired: pd.DataFrame) -> Table:
     note = "Run by run on the same seeds; an interval that holds 0 shows no difference."
     words = {name: f"{what} [{unit}]" if unit else what for name, (what, unit) in PAIRED.items()}
     return _table("Paired differences", columns, paired.replace({"metric": words}), note)
+
+
+def _gap_table(gaps: pd.DataFrame) -> Table:
+    columns = [
+        Column("estimator", "estimator"),
+        Column("metric", "of"),
+        Column("baseline", "pursuit"),
+        Column("value", "this policy"),
+        Column("reference", "oracle"),
+        Column("share", "gap closed (95 %)"),
+        Column("n", "runs", ".0f"),
+    ]
+    note = "Share of the way from pursuit to the oracle, which is told where the target is; means over the same worlds."
+    words = {name: f"{what} [{unit}]" if unit else what for name, (what, unit) in METRICS.items()}
+    shown = gaps.assign(share=[share_text(row) for row in gaps.to_dict("records")]).replace({"metric": words})
+    return _table("Gap closed", columns, shown, note)
 
 
 def _drawings(

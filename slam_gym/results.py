@@ -3,6 +3,7 @@
 config.json         command, versions, seeds, settings
 runs, summary       .parquet and .csv: one row per run; one per scenario, policy and estimator
 paired.csv          differences run by run with 95 % intervals
+gaps.csv            where pursuit and an oracle drove: how much of the gap between them each policy closes
 series.parquet      means over runs at each step
 tracks, landmarks   .parquet: truth and belief along the first run, and its map at the end
 trajectories/*.tum  the same tracks, "time x y z qx qy qz qw", for evo and other tools
@@ -24,8 +25,10 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
+from slam_gym.gaps import gap_table
+
 PARQUET = ("runs", "summary", "series", "tracks", "landmarks")
-CSV = ("runs", "summary", "paired")
+CSV = ("runs", "summary", "paired", "gaps")
 CONFIG = "config.json"
 
 
@@ -63,6 +66,11 @@ class Results:
         config = json.loads((folder / CONFIG).read_text(encoding="utf-8"))
         tables: dict[str, Any] = {name: pd.read_parquet(folder / f"{name}.parquet") for name in PARQUET}
         return cls(path=folder, config=config, paired=pd.read_csv(folder / "paired.csv"), **tables)
+
+    @property
+    def gaps(self) -> pd.DataFrame:
+        """See `slam_gym.gaps.gap_table`; empty unless pursuit and an oracle are among the policies."""
+        return gap_table(self.runs)
 
     def save(self) -> None:
         """Write every table and trajectory into `path`; each file appears whole or not at all."""

@@ -58,6 +58,22 @@ def parse_settings(texts: Iterable[str]) -> dict[str, Any]:
     return settings
 
 
+def parse_sweep(texts: Iterable[str]) -> dict[str, list[Any]]:
+    """`key=v1,v2,v3` texts as lists of values; a value may be a [low, high] range.
+
+    Raises:
+        ValueError: a text without "=" or without a value.
+    """
+    sweep: dict[str, list[Any]] = {}
+    for text in texts:
+        key, sign, values = text.partition("=")
+        if not sign or not key.strip() or not values.strip():
+            raise ValueError(f"a sweep is written key=v1,v2,v3, for example target.speed=0.6,0.9; got {text!r}")
+        listed = parse_value(f"[{values}]")
+        sweep[key.strip()] = listed if isinstance(listed, list) else [parse_value(v.strip()) for v in values.split(",")]
+    return sweep
+
+
 def parse_value(text: str) -> Any:
     """A number, true, false, null, a [list] or a {table} in JSON; anything else is a string."""
     try:

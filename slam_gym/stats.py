@@ -206,3 +206,61 @@ def crossed_difference(differences: ArrayLike, *, probability: float = 0.95) -> 
     dof = variance**2 / (seeds**2 / (k - 1) + worlds**2 / (n - 1))
     half = float(student.ppf(0.5 + 0.5 * probability, dof) * math.sqrt(variance))
     return Crossed(mean, mean - half, mean + half, k, n)
+
+
+@dataclass(frozen=True, slots=True)
+class Gap:
+    """Share of the way from a baseline to a reference that a method has gone: 0 the baseline, 1 the reference.
+
+    `low` and `high` are its interval, infinite where baseline and reference cannot be told apart; `n` runs count.
+    """
+
+    closed: float
+    low: float
+    high: float
+    n: int
+
+
+def gap_closed(
+    baseline: ArrayLike, method: ArrayLike, reference: ArrayLike, *, probability: float = 0.95, seed: int = 0
+) -> Gap:
+    """(baseline - method) / (baseline - reference), of means over the same runs, with a paired bootstrap interval.
+
+    Runs are drawn with replacement and all three means taken from the same runs, as the worlds' difficulty is common
+    to them; percentiles, as a ratio is skewed. Where the interval's share of draws leaves no gap to close, the ratio
+    has no bounds (Fieller 1954).
+
+    Args:
+        baseline: [R] one number per run.
+        method: [R] of the method that is judged, same runs in the same order.
+        reference: [R] of what could be reached.
+        probability: of the interval.
+        seed: of the bootstrap.
+
+    Raises:
+        ValueError: lengths differ, or a probability outside (0, 1).
+    """
+    three = [np.asarray(values, dtype=np.float64).ravel() for values in (baseline, method, reference)]
+    if len({values.size for values in three}) != 1:
+        raise ValueError(f"paired runs must come in equal numbers; got {[values.size for values in three]}")
+    if not 0.0 < probability < 1.0:
+        raise ValueError(f"probability must lie between 0 and 1; got {probability!r}")
+    runs = np.stack(three)
+    runs = runs[:, np.isfinite(runs).all(axis=0)]
+    n = runs.shape[1]
+    if n == 0:
+        return Gap(math.nan, math.nan, math.nan, 0)
+    closed = float(_share(runs.mean(axis=1)))
+    index = np.random.default_rng(seed).integers(n, size=(BOOTSTRAP_DRAWS, n))
+    draws = np.stack([values[index].mean(axis=1) for values in runs])  # [3, draws]
+    tail = 0.5 * (1.0 - probability)
+    if n == 1 or np.mean(draws[0] <= draws[2]) > tail:
+        return Gap(closed, -math.inf, math.inf, n)
+    low, high = np.quantile(_share(draws[:, draws[0] > draws[2]]), [tail, 1.0 - tail])
+    return Gap(closed, float(low), float(high), n)
+
+
+def _share(means: Floats) -> Floats:
+    """Of [3, ...]: baseline, method, reference; NaN without a gap."""
+    gap = means[0] - means[2]
+    return np.where(gap != 0.0, (means[0] - means[1]) / np.where(gap != 0.0, gap, 1.0), np.nan)

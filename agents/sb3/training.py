@@ -148,11 +148,16 @@ def imitate_teacher(model: "BaseAlgorithm", settings: "Train", scenario: Scenari
     """Begin with what a teacher does; see `agents.sb3.imitation`.
 
     Raises:
-        ValueError: another algorithm than PPO, or an unknown teacher.
+        ValueError: another algorithm than PPO, an unknown teacher, or one that is told the truth.
     """
     if not isinstance(model, stable_baselines3.PPO):
         raise ValueError(f"--teacher works with --algo ppo; got {settings.algo!r}")
     spec = policies.parse(settings.teacher)
+    if policies.is_reference(spec.name):
+        raise ValueError(
+            f"teacher {spec.name!r} is told the truth, which a policy never sees; name one that reads the belief, such "
+            "as 'pursuit'"
+        )
     context = policies.PolicyContext.from_scenario(scenario, settings.action)
     teacher = policies.make(spec.name, context, model.n_envs, **spec.options)
     seeds = run_seeds(settings.seed, TEACHER_SEEDS, range(model.n_envs))

@@ -33,6 +33,12 @@ class Compare:
       slam-gym compare --set sensor.max_range=4 "landmarks.count=[5, 30]" --out results/short-sight
           change numbers of the scenario; [low, high] is drawn anew for each run
 
+      slam-gym compare --mode closed-loop --estimators ri-ekf --policies pursuit receding-horizon oracle
+          with pursuit and the oracle (told the truth) a table says how much of the gap between them others close
+
+      slam-gym compare --scenarios default evasive-hard --sweep target.speed=0.6,0.9,1.2
+          each value is a scenario of its own, with the same random draws
+
       slam-gym compare --runs 4000 --out a --shard 1/2      on one machine, and 2/2 with --out b on another;
       slam-gym merge a b --out all                          then put them together
 
@@ -58,6 +64,8 @@ class Compare:
     """Whose belief the policy acts on when data are shared; none: ri-ekf, else fej-ekf, else the first estimator."""
     set: tuple[str, ...] = ()
     """Scenario settings, key=value, such as sensor.max_range=5 (`slam-gym list default` shows the keys)."""
+    sweep: tuple[str, ...] = ()
+    """Settings with several values, key=v1,v2,v3 (all combinations of several): each makes a scenario of its own."""
     estimator_options: str = ""
     """Options by estimator as JSON, such as '{"slamto": {"particles": 500}}'."""
     noise_inflation: float | None = None
@@ -86,7 +94,7 @@ class Compare:
         from slam_gym.commands.summary import print_results
         from slam_gym.evaluation import compare
         from slam_gym.results import file_stem
-        from slam_gym.specs import Spec, parse_options, parse_settings
+        from slam_gym.specs import Spec, parse_options, parse_settings, parse_sweep
 
         out = self.out or Path("results") / file_stem("compare", *(Path(s).stem for s in self.scenarios))
         options: dict[str, Any] = {}
@@ -97,7 +105,8 @@ class Compare:
             results = compare(
                 self.scenarios, self.estimators or None, self.policies or None,
                 runs=self.runs, seed=self.seed, mode=self.mode, driver=self.driver or None, steps=self.steps,
-                burn_in=self.burn_in, overrides=parse_settings(self.set), estimator_options=options,
+                burn_in=self.burn_in, overrides=parse_settings(self.set), sweep=parse_sweep(self.sweep),
+                estimator_options=options,
                 noise_inflation=self.noise_inflation, out=out, resume=self.resume, shard=parse_shard(self.shard),
                 jobs=self.jobs, backend=self.backend, address=self.address,
                 command=shlex.join(["slam-gym", *sys.argv[1:]]), progress=progress,

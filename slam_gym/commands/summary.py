@@ -9,6 +9,8 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
+from slam_gym import policies
+from slam_gym.gaps import METRICS, share_text
 from slam_gym.results import Results
 from slam_gym.specs import is_reference
 
@@ -35,7 +37,8 @@ COLUMNS: tuple[tuple[str, str, Callable[[Row], str]], ...] = (
 def print_results(results: Results, console: Console) -> None:
     """One table per scenario and policy, then the paired differences."""
     for (scenario, policy), group in results.summary.groupby(["scenario", "policy"], sort=False):
-        title = f"{scenario}, policy {policy}: {int(group['n_runs'].max())} runs"
+        told = " (told the truth)" * policies.is_reference(str(policy))
+        title = f"{scenario}, policy {policy}{told}: {int(group['n_runs'].max())} runs"
         present = [column for column in COLUMNS if group[column[1]].notna().any()]
         if not group["target_error_rmse"].notna().any():  # a world without a target loses none
             present = [column for column in present if column[1] != "lost_share"]
@@ -54,6 +57,7 @@ def print_results(results: Results, console: Console) -> None:
         console.print(table)
     console.print(_legend(results, console.width >= WIDE), style="dim", highlight=False)
     print_paired(results.paired, console)
+    print_gaps(results.gaps, console)
 
 
 def _legend(results: Results, spreads: bool) -> str:
@@ -76,6 +80,25 @@ def print_paired(paired: pd.DataFrame, console: Console) -> None:
         console.print(f"  {text}", highlight=False, markup=False)
     if len(wanted) > SENTENCES or len(wanted) < len(paired):
         console.print("  ... and more in paired.csv and the report.", style="dim")
+
+
+def print_gaps(gaps: pd.DataFrame, console: Console) -> None:
+    """How much of the way from pursuit to the oracle each policy goes."""
+    if not len(gaps):
+        return
+    table = Table(title="\nGap closed: 0 is pursuit, 1 the oracle (95 % interval)", title_justify="left",
+                  title_style="bold", box=None, padding=(0, 1), collapse_padding=True, pad_edge=False)  # fmt: skip
+    for heading in ("scenario", "policy", "estimator", "of"):
+        table.add_column(heading, max_width=NAME_WIDTH)
+    for heading in ("pursuit", "policy", "oracle", "closed"):
+        table.add_column(heading, justify="right", no_wrap=True)
+    for row in gaps.to_dict("records"):
+        means = [number(row[name]) for name in ("baseline", "value", "reference")]
+        words, unit = METRICS[row["metric"]]
+        of = f"{words} [{unit}]" if unit else words
+        table.add_row(*(escape(str(row[k])) for k in ("scenario", "policy", "estimator")), escape(of), *means,
+                      share_text(row))  # fmt: skip
+    console.print(table)
 
 
 def number(value: float, digits: int = 3) -> str:

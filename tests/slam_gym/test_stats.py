@@ -110,3 +110,27 @@ def test_an_interval_over_seeds_leaves_out_worlds_with_a_broken_run():
     assert stats.crossed_difference([[1.0, np.nan], [1.0, 2.0]]).high == math.inf
     with pytest.raises(ValueError, match="at least two; got 1"):
         stats.crossed_difference([[1.0, 2.0]])
+
+
+def test_the_gap_closed_is_the_share_of_means_and_its_interval_holds_the_truth():
+    rng = np.random.default_rng(5)
+    inside = 0
+    for trial in range(150):
+        world = rng.exponential(1.0, 80)  # skewed, and common to all three
+        base, x, best = (level + world + 0.5 * rng.standard_normal(80) for level in (2.0, 1.25, 1.0))
+        found = stats.gap_closed(base, x, best, seed=trial)
+        assert found.closed == pytest.approx((base - x).mean() / (base - best).mean())
+        inside += found.low <= 0.75 <= found.high
+    assert 0.88 <= inside / 150 <= 0.99
+    assert (stats.gap_closed(base, base, best).closed, stats.gap_closed(base, best, best).closed) == (0.0, 1.0)
+
+
+def test_a_gap_that_is_not_there_has_no_bounds():
+    rng = np.random.default_rng(6)
+    base, x = rng.standard_normal((2, 40))
+    found = stats.gap_closed(base, x, base[::-1])
+    assert (found.low, found.high, found.n) == (-math.inf, math.inf, 40)
+    assert stats.gap_closed([np.nan, np.inf], [1.0, 1.0], [0.0, 0.0]).n == 0
+    assert math.isnan(stats.gap_closed([1.0, 1.0], [0.5, 0.5], [1.0, 1.0]).closed)
+    with pytest.raises(ValueError, match="equal numbers; got"):
+        stats.gap_closed([1.0], [1.0], [1.0, 2.0])
