@@ -29,6 +29,7 @@ _BUILT_IN = {
     "fastslam1": "estimators.particle.fastslam:FastSLAM1",
     "fastslam2": "estimators.particle.fastslam:FastSLAM2",
     "rbpf": "estimators.particle.improved_proposal:RBPF",
+    "unscented-fastslam": "estimators.particle.unscented_fastslam:UnscentedFastSLAM",
     "isam2": "estimators.smoothing.isam2:ISAM2",
     "independent": "estimators.independent:Independent",
 }

@@ -23,6 +23,7 @@ from estimators.gaussian.vague_target import forget_vague
 from estimators.interface import Belief, BoundCalls, Estimator, Floats, Ints, Scan
 from estimators.kernels.association import JCBB, KNOWN, NEAREST
 from estimators.kernels.bound import LATER, bind, chain
+from estimators.kernels.existence import REMOVE_BELOW, check_remove_below, log_odds
 from estimators.kernels.gaussian import BLOCK, ROBOT
 from estimators.kernels.joint_compatibility import joint_gates, scratch_shape
 from estimators.kernels.left_looking import scratch
@@ -31,7 +32,6 @@ from estimators.models import MotionModel, SensorModel, TargetModel
 
 MATCH_GATE = 9.21  # chi-square, 2 dof, 99 %
 NEW_GATE = 25.0  # NIS beyond which an unlabelled return is a landmark of its own
-REMOVE_BELOW = 0.05  # probability of existence
 Call = tuple[Any, ...]
 """A kernel and its arguments, `LATER` in the place of the lanes."""
 
@@ -80,11 +80,7 @@ class GaussianEstimator(Estimator):
                 raise ValueError(f"{name} must be a positive NIS (chi-square, 2 dof); got {value!r}")
         if new_gate < match_gate:
             raise ValueError(f"new_gate must be at least match_gate ({match_gate}); got {new_gate}")
-        if not 0.0 <= remove_below < 0.4:
-            raise ValueError(
-                f"remove_below is a probability below 0.4, that of a landmark just seen (0: never remove); got "
-                f"{remove_below!r}"
-            )
+        check_remove_below(remove_below)
         self.association = association
         self.remove_below = 0.0 if association == "known" else float(remove_below)
         self.association_code = _ASSOCIATIONS[association]
@@ -205,10 +201,10 @@ class GaussianEstimator(Estimator):
             )  # fmt: skip
             calls.insert(0, vague)
         if self.remove_below > 0.0:
-            limit = math.log(self.remove_below / (1.0 - self.remove_below))
             revision = (
                 revise_map, self.mu, self.P, self.models, self.n_t, self.count, self.ids, self.first, self.counters,
-                scan.ranges, scan.bearings, scan.count, scan.complete, float(self.gates[2]), limit, self.slots, LATER,
+                scan.ranges, scan.bearings, scan.count, scan.complete, float(self.gates[2]),
+                log_odds(self.remove_below), self.slots, LATER,
             )  # fmt: skip
             calls.append(revision)
         if self.budget is not None:

@@ -21,6 +21,21 @@ SURE_DETECTION = 0.99  # p_D is taken as this at most: models are not perfect
 MARGIN = 3.0  # deviations inside the sensor's limits from which on a landmark should be seen
 _ALL_ROUND = 2.0 * math.pi - 1e-6  # [rad], a field of view that has no edge
 _LOG_TWO_PI = math.log(2.0 * math.pi)
+REMOVE_BELOW = 0.05  # probability of existence: the filters' default
+
+
+def log_odds(probability):
+    """Of a probability in [0, 1)."""
+    return math.log(probability / (1.0 - probability)) if probability > 0.0 else -math.inf
+
+
+def check_remove_below(probability):
+    """Raise a ValueError unless landmarks that were just seen would stay."""
+    if not 0.0 <= probability < 0.4:
+        raise ValueError(
+            f"remove_below is a probability below 0.4, that of a landmark just seen (0: never remove); got "
+            f"{probability!r}"
+        )
 
 
 @inline

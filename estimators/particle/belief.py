@@ -2,6 +2,7 @@
 
 import math
 
+from estimators.kernels.existence import SHOWN
 from estimators.kernels.jit import jit
 from estimators.models import TWIST
 from estimators.particle.map_storage import read_column
@@ -74,12 +75,13 @@ def fill_target_lanes(
 
 @jit
 def fill_map_lanes(
-    state, ids, used, pose, pose_cov, maps, points, ancestors, index, w, own_maps, scratch, count, out_ids, mapped,
-    mean, cov, relative, relative_cov,
+    state, ids, used, pose, pose_cov, maps, points, ancestors, index, w, own_maps, exists, scratch, count, out_ids,
+    mapped, mean, cov, relative, relative_cov,
 ):  # fmt: skip
     """The map's buffers (see `Belief`), empty on entry.
 
     own_maps: whether each particle has a map of its own (the heaviest particle's is shown) or columns are shared.
+    exists: [L, M or 0, N] log odds of existence, where landmarks may be false alarms.
     """
     cosine, sine, weights = scratch[0], scratch[1], scratch[2]
     for lane in range(pose.shape[0]):
@@ -90,8 +92,10 @@ def fill_map_lanes(
             weights[p] = 0.0 if own_maps else w[lane, p]
         if own_maps:
             weights[heaviest] = 1.0
-        count[lane] = used[lane, heaviest] if own_maps else state[lane].count
-        for j in range(count[lane]):
+        for j in range(used[lane, heaviest] if own_maps else state[lane].count):
+            if exists.shape[1] > 0 and not exists[lane, j, heaviest] > SHOWN:
+                continue  # likely a false alarm
+            count[lane] += 1
             mapped[lane, j] = True
             out_ids[lane, j] = j if own_maps else ids[lane, j]
             m = read_column(j, maps[lane], points[lane], ancestors[lane], index[lane], scratch[3:8])

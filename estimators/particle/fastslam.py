@@ -11,6 +11,7 @@ from estimators.models import NO_TARGET
 from estimators.particle.columns import gather_weights
 from estimators.particle.gaussian_pose import POSE_COV_ROWS, condition_on_point, draw_poses, predict_poses
 from estimators.particle.layout import OPEN, REFUSED, USED
+from estimators.particle.looks import LOOK, propose_from_looks_lanes
 from estimators.particle.map_storage import open_column
 from estimators.particle.slamto import SLAMTO
 from estimators.particle.steps import FLUSH, begin_sweep
@@ -136,6 +137,7 @@ class FastSLAM2(SLAMTO):
     def _allocate(self) -> None:
         super()._allocate()
         self._normals = np.zeros((4, self.num_particles))
+        self._slots = np.zeros(0, dtype=np.int64)
 
     def _start(self, lane: int, mean: Floats, cov: Floats, key: np.uint64) -> None:
         """The prior as every particle's Gaussian: drawn when something is seen."""
@@ -158,3 +160,28 @@ class FastSLAM2(SLAMTO):
                 self._target, self._log_w, self._w, self._scratch, self._normals, self.gate,
             )  # fmt: skip
         super().update(scan, lanes=lanes)
+
+
+class LookingFilter(FastSLAM2):
+    """FastSLAM 2 with another proposal, made of all returns that a particle sees at once: see `particle.looks`.
+
+    A filter sets `_how`: the proposal's kind, room for the looks, and what the kind needs (samples, work, box).
+    """
+
+    def update(self, scan: Scan, *, lanes: Ints | None = None) -> None:
+        """See `Estimator.update`: poses improved and drawn, then the maps."""
+        chosen = self.all_lanes if lanes is None else lanes
+        self._resample(chosen)
+        self._widen(scan)
+        kind, looks, samples, work, box = self._how
+        if len(looks) < scan.ranges.shape[1]:
+            looks = np.zeros((scan.ranges.shape[1], LOOK))
+            self._how = kind, looks, samples, work, box
+            self._slots = np.zeros(len(looks), dtype=np.int64)
+        if self.association == "known":
+            propose_from_looks_lanes(
+                chosen, scan.ranges, scan.bearings, scan.labels, scan.count, self._proposed, self.models, self._state,
+                self._ids, self._pose, self._pose_cov, self._maps, self._points, self._ancestors, self._index,
+                self._target, self._log_w, looks, self._slots, kind, samples, work, box, self._normals,
+            )  # fmt: skip
+        SLAMTO.update(self, scan, lanes=lanes)

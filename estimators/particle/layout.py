@@ -8,6 +8,7 @@ The particle is the innermost axis everywhere, so that one loop over particles i
     target  [L, G, F, N]     per heading hypothesis: the mean, then the covariance's upper triangle row by row
     belief_in_hypothesis [L, G, N]   log weights of the hypotheses within a particle (largest sum normalised to one)
     log_w, w [L, N]          particle weights
+    exists  [L, M or 0, N]   log odds of existence of each particle's landmarks (per-particle association only)
     used    [L, N]           landmarks in each particle's map (they differ under per-particle association only)
 """
 
@@ -30,6 +31,7 @@ EVENTS = (
     "target_restarts",  # the target started anew from a return that it could not have caused
     "collapsed_weights",  # updates that left no particle a finite weight
     "bad_weights",  # particles whose weight was not a number
+    "removed",  # landmarks of a particle's map that should have been seen and were not (weighted mean per sweep)
     "resampled",
 )
 

@@ -4,6 +4,9 @@ A return inside `match_gate` of a landmark may be its; of several the one with t
 returns that want the same landmark the better fitting has it and the other is left alone. A return outside `new_gate`
 of everything starts a landmark. Whether a return is the target's is decided by the particles together, by weight.
 
+Given its pose a particle's landmarks are independent, so that this is also what JCBB comes to in a particle: the joint
+test's matrix is block diagonal.
+
 The likelihood of a return that matches nothing is a density in observation space, one over the sensor's area, never
 one: otherwise particles that invent landmarks win.
 """
@@ -12,10 +15,12 @@ import math
 
 from estimators.interface import TARGET
 from estimators.kernels.elementary import sincos, wrap_smooth
+from estimators.kernels.existence import log_odds_at_first, log_odds_seen
 from estimators.kernels.jit import inline, jit
 from estimators.kernels.range_bearing import noise_std, usable
 from estimators.models import NO_TARGET
 from estimators.particle.columns import assimilate, beam_cov, fit, gather_weights
+from estimators.particle.existence import note_missed, remove_unlikely
 from estimators.particle.gaussian_pose import (
     condition_on_point,
     conditioned,
@@ -23,8 +28,11 @@ from estimators.particle.gaussian_pose import (
     displacement_rows,
     draw_poses,
 )
+from estimators.particle.looks import LINEAR, UNSCENTED, look_along, look_through, propose_one, target_waits
+from estimators.particle.proposal import trigonometry
 from estimators.particle.steps import begin_sweep, finish_sweep, likelihood_rows, take_target
 from estimators.particle.target import fit_point, position_rows
+from estimators.particle.unscented import assimilate_unscented, first_sighting_unscented
 
 NOBODY, STRUCK, TO_TARGET = -1, -2, -3  # a return's slot: outside every match gate; unusable; the target's
 _LOG_TWO_PI = math.log(2.0 * math.pi)
@@ -32,8 +40,8 @@ _LOG_TWO_PI = math.log(2.0 * math.pi)
 
 @jit
 def update_nearest_lanes(
-    lanes, ranges, bearings, labels, count, models, state, pose, pose_cov, maps, used, target, log_hypothesis, log_w, w,
-    scratch, normals, cost, nearest, slot, share, match_gate, new_gate, threshold,
+    lanes, ranges, bearings, labels, count, complete, models, state, pose, pose_cov, maps, used, exists, target,
+    log_hypothesis, log_w, w, scratch, normals, cost, nearest, slot, share, match_gate, new_gate, limit, threshold, how,
 ):  # fmt: skip
     """Take in one sweep whose labels are not looked at, but for `TARGET`.
 
@@ -41,7 +49,10 @@ def update_nearest_lanes(
         pose_cov: [L, 6, N] where poses are conditioned on the sweep and then drawn, [L, 0, N] where they are drawn.
         cost, nearest: [K, N] scratch: NIS + log det S of the best match, and the least NIS to anything.
         slot: [K, N] integer scratch. share: [K] scratch.
+        exists: [L, M or 0, N] log odds of existence; limit: those below which a landmark is removed.
+        how: the proposal's kind, room for its looks, samples, work, box; see `looks`.
     """
+    kind, looks, samples, work, box = how
     for lane in lanes:
         n_z = count[lane]
         begin_sweep(pose[lane], scratch)
@@ -59,7 +70,12 @@ def update_nearest_lanes(
                 )  # fmt: skip
         _give_to_target(n_z, share, slot)
         told = False
-        if pose_cov.shape[1] > 0 and n_z > 0:
+        if kind != LINEAR and n_z > 0:
+            told = _propose_from_looks(
+                lane, n_z, ranges[lane], bearings[lane], models[lane], state, pose[lane], pose_cov[lane], maps[lane],
+                target[lane], log_w[lane], scratch, normals, cost, slot, kind, looks, samples, work, box,
+            )  # fmt: skip
+        elif pose_cov.shape[1] > 0 and n_z > 0:
             told = _propose(
                 lane, n_z, ranges[lane], bearings[lane], models[lane], state, pose[lane], pose_cov[lane], maps[lane],
                 target[lane], log_w[lane], w[lane], scratch, normals, cost, slot,
@@ -72,10 +88,19 @@ def update_nearest_lanes(
                 )  # fmt: skip
                 if gathered == 1 and not told:
                     gather_weights(log_w[lane], scratch[2], scratch[3])
+        keeps_books = exists.shape[1] > 0
+        if keeps_books and complete[lane]:
+            note_missed(
+                n_z, ranges[lane], bearings[lane], models[lane], state[lane].count, pose[lane], maps[lane],
+                exists[lane], used[lane], scratch, slot, new_gate,
+            )  # fmt: skip
         _apply_all(
             lane, n_z, ranges[lane], bearings[lane], models[lane], state, pose[lane], maps[lane], used[lane],
-            log_w[lane], w[lane], scratch, cost, nearest, slot, new_gate, pose_cov.shape[1] == 0,
+            exists[lane], log_w[lane], w[lane], scratch, cost, nearest, slot, new_gate, pose_cov.shape[1] == 0, kind,
         )  # fmt: skip
+        if keeps_books:
+            removed, state[lane].count = remove_unlikely(maps[lane], exists[lane], used[lane], w[lane], limit)
+            state[lane].removed += int(removed + 0.5)
         finish_sweep(lane, state, target[lane], log_hypothesis[lane], log_w[lane], w[lane], threshold)
 
 
@@ -202,8 +227,35 @@ def _propose(
             log_w[p] -= 0.5 * (nis + math.log(det)) + _LOG_TWO_PI
             scratch[1, p], scratch[0, p] = sincos(pose[2, p])
     draw_poses(state[lane].key, state[lane].step, pose, pose_cov, normals)
-    for p in range(w.size):
-        scratch[1, p], scratch[0, p] = sincos(pose[2, p])
+    trigonometry(pose[2], scratch[0], scratch[1])
+    return told
+
+
+@jit
+def _propose_from_looks(
+    lane, n_z, ranges, bearings, model, state, pose, pose_cov, maps, target, log_w, scratch, normals, cost, slot, kind,
+    looks, samples, work, box,
+):  # fmt: skip
+    """Another proposal (`looks`) of what each particle has matched; returns whether the target's return is in it."""
+    told = False
+    for p in range(log_w.size):
+        seen, landmarks = 0, 0
+        for k in range(n_z):
+            j = slot[k, p]
+            if j == TO_TARGET and not target_waits(model, state[lane]):
+                look_through(looks[seen], target[0], p)
+                told = True
+            elif j >= 0 and _wins(k, p, n_z, cost, slot):
+                look_through(looks[seen], maps[j], p)
+                landmarks += 1
+            else:
+                continue
+            look_along(looks[seen], model, ranges[k], bearings[k])
+            seen += 1
+        log_w[p] += propose_one(kind, state[lane], p, pose, pose_cov, looks, seen, samples, work, box)
+        log_w[p] -= landmarks * _LOG_TWO_PI
+    draw_poses(state[lane].key, state[lane].step, pose, pose_cov, normals)
+    trigonometry(pose[2], scratch[0], scratch[1])
     return told
 
 
@@ -223,8 +275,9 @@ def _give_to_target(n_z, share, slot):
 
 @jit
 def _apply_all(
-    lane, n_z, ranges, bearings, model, state, pose, maps, used, log_w, w, scratch, cost, nearest, slot, new_gate, weigh
-):
+    lane, n_z, ranges, bearings, model, state, pose, maps, used, exists, log_w, w, scratch, cost, nearest, slot,
+    new_gate, weigh, kind,
+):  # fmt: skip
     """Every return into every particle's map; its likelihood into the weights if `weigh` (else it is there already)."""
     extent = model.max_range
     if not extent < math.inf:
@@ -244,8 +297,10 @@ def _apply_all(
             beam_x, beam_y = cb * scratch[0, p] - sb * scratch[1, p], sb * scratch[0, p] + cb * scratch[1, p]
             j = slot[k, p]
             if j >= 0 and _wins(k, p, n_z, cost, slot):
-                log_likelihood = _update_one(maps[j], p, x, y, ranges[k], beam_x, beam_y, var_r, var_b)
+                log_likelihood = _update_one(maps[j], p, x, y, ranges[k], beam_x, beam_y, var_r, var_b, kind)
                 log_w[p] += log_likelihood if weigh else 0.0
+                if exists.shape[0] > 0:
+                    exists[j, p] = log_odds_seen(model, exists[j, p], ranges[k], log_likelihood)
                 continue
             log_w[p] += log_nothing
             if nearest[k, p] <= new_gate:
@@ -253,7 +308,9 @@ def _apply_all(
             elif used[p] == maps.shape[0]:
                 full = 1
             else:
-                _start_one(maps[used[p]], p, x, y, ranges[k], beam_x, beam_y, var_r, var_b)
+                _start_one(maps[used[p]], p, x, y, ranges[k], beam_x, beam_y, var_r, var_b, kind)
+                if exists.shape[0] > 0:
+                    exists[used[p], p] = log_odds_at_first(model)
                 used[p] += 1
                 state[lane].count = max(state[lane].count, used[p])
         state[lane].overflow += full
@@ -271,18 +328,28 @@ def _wins(k, p, n_z, cost, slot):
 
 
 @inline
-def _update_one(m, p, x, y, distance, beam_x, beam_y, var_r, var_b):
-    """One landmark's EKF in one particle; returns the return's log likelihood."""
-    step_x, step_y, m[2, p], m[3, p], m[4, p], nis, det = assimilate(
-        m[0, p] - x, m[1, p] - y, m[2, p], m[3, p], m[4, p], distance, beam_x, beam_y, var_r, var_b
-    )
+def _update_one(m, p, x, y, distance, beam_x, beam_y, var_r, var_b, kind):
+    """One landmark's filter in one particle; returns the return's log likelihood."""
+    dx, dy = m[0, p] - x, m[1, p] - y
+    if kind == UNSCENTED:
+        step_x, step_y, m[2, p], m[3, p], m[4, p], nis, det = assimilate_unscented(
+            dx, dy, m[2, p], m[3, p], m[4, p], distance, beam_x, beam_y, var_r, var_b
+        )
+    else:
+        step_x, step_y, m[2, p], m[3, p], m[4, p], nis, det = assimilate(
+            dx, dy, m[2, p], m[3, p], m[4, p], distance, beam_x, beam_y, var_r, var_b
+        )
     m[0, p] += step_x
     m[1, p] += step_y
     return -0.5 * (nis + math.log(det)) - _LOG_TWO_PI
 
 
 @inline
-def _start_one(m, p, x, y, distance, beam_x, beam_y, var_r, var_b):
+def _start_one(m, p, x, y, distance, beam_x, beam_y, var_r, var_b, kind):
     """A landmark's first sighting in one particle."""
-    m[0, p], m[1, p] = x + distance * beam_x, y + distance * beam_y
-    m[2, p], m[3, p], m[4, p] = beam_cov(beam_x, beam_y, distance, var_r, var_b)
+    if kind == UNSCENTED:
+        dx, dy, m[2, p], m[3, p], m[4, p] = first_sighting_unscented(beam_x, beam_y, distance, var_r, var_b)
+    else:
+        dx, dy = distance * beam_x, distance * beam_y
+        m[2, p], m[3, p], m[4, p] = beam_cov(beam_x, beam_y, distance, var_r, var_b)
+    m[0, p], m[1, p] = x + dx, y + dy

@@ -6,22 +6,27 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from estimators.interface import Estimator, Floats, Ints, Scan
+from estimators.kernels.existence import REMOVE_BELOW, check_remove_below, log_odds
 from estimators.kernels.random import lane_key
 from estimators.models import TWIST, MotionModel, SensorModel, TargetModel
 from estimators.particle.belief import fill_map_lanes, fill_pose_lanes, fill_target_lanes
 from estimators.particle.layout import EVENTS, HEADINGS, LANE, TWIST_ROWS, VELOCITY_ROWS
+from estimators.particle.looks import LINEAR, LOOK
 from estimators.particle.map_storage import DENSE, STORES, allocate, bytes_in_use, clear, make_room
 from estimators.particle.nearest import update_nearest_lanes
 from estimators.particle.proposal import draw_start
 from estimators.particle.steps import move_lanes, resample_lanes, update_lanes
 from estimators.particle.target import predict_twist_lanes, predict_velocity_lanes, target_rows
 
+How = tuple[int, Floats, Floats, Floats, Floats]
+"""A proposal's kind, room for its looks, samples, work, box: see `particle.looks`."""
+
 _KEY_PURPOSE = 17  # keeps the filter's stream apart from a world's that is given the same seed
 _ASSOCIATIONS = ("known", "nearest")
 _SCRATCH_ROWS = 23
 _STATE = (
-    "state", "pose", "pose_cov", "log_w", "w", "used", "ids", "maps", "points", "ancestors", "index", "target",
-    "log_hypothesis",
+    "state", "pose", "pose_cov", "log_w", "w", "used", "exists", "ids", "maps", "points", "ancestors", "index",
+    "target", "log_hypothesis",
 )  # fmt: skip
 _TARGET_BUFFERS = (
     "target_known", "target_mean", "target_cov", "target_velocity", "target_velocity_cov", "target_heading",
@@ -72,6 +77,9 @@ class SLAMTO(Estimator):
             refused; infinite by default.
         match_gate, new_gate: "nearest": a return within `match_gate` of a landmark is its; outside `new_gate` of
             all it is a new landmark; between the two it is left alone.
+        remove_below: "nearest": probability of existence below which a particle removes a landmark that should have
+            been seen and was not, and with which false alarms are kept out of the belief (`kernels.existence`); 0
+            keeps and shows everything.
         map_storage: "lazy" puts a landmark's column into the particles' order when it is seen again, "tree" is the
             shared binary tree of Wang et al. 2019, "dense" moves the whole map at each resampling: the same numbers
             bit for bit, see `particle.map_storage`, and `map_bytes`. "nearest" reads every column in every sweep and
@@ -96,6 +104,7 @@ class SLAMTO(Estimator):
         gate: float = np.inf,
         match_gate: float = 16.0,
         new_gate: float = 25.0,
+        remove_below: float = REMOVE_BELOW,
         map_storage: Literal["lazy", "tree", "dense"] = "lazy",
     ) -> None:
         super().__init__(motion, sensor, target, num_lanes=num_lanes, max_landmarks=max_landmarks)
@@ -110,6 +119,8 @@ class SLAMTO(Estimator):
                 f"gates are positive and match_gate at most new_gate; got gate={gate}, match_gate={match_gate}, "
                 f"new_gate={new_gate}"
             )
+        check_remove_below(remove_below)
+        self.remove_below = 0.0 if association == "known" else float(remove_below)
         self.num_particles, self.resample_threshold = int(particles), float(resample_threshold)
         if map_storage not in STORES:
             raise ValueError(f"map_storage must be one of {', '.join(map(repr, STORES))}; got {map_storage!r}")
@@ -129,6 +140,7 @@ class SLAMTO(Estimator):
         self._pose_cov = np.zeros((L, self._pose_cov_rows, N))
         self._log_w, self._w = np.zeros((L, N)), np.zeros((L, N))
         self._used = np.zeros((L, N), dtype=np.int64)
+        self._exists = np.zeros((L, M if self.remove_below > 0.0 else 0, N))
         self._ids = np.full((L, M), -1, dtype=np.int64)
         self._maps, self._points, self._ancestors, self._index = allocate(L, M, N, self._store)
         self._target = np.zeros((L, hypotheses, rows, N))
@@ -138,6 +150,7 @@ class SLAMTO(Estimator):
         self._proposed = np.zeros((L, 0), dtype=np.int64)
         self._places = np.zeros((3, N), dtype=np.int64)
         self._dt = np.zeros(L)
+        self._how: How = LINEAR, np.zeros((0, LOOK)), np.zeros((0, 4)), np.zeros((0, 3)), np.zeros(3)
         self._returns = (np.zeros((0, N)), np.zeros((0, N)), np.zeros((0, N), dtype=np.int64), np.zeros(0))
 
     def reset(
@@ -198,12 +211,14 @@ class SLAMTO(Estimator):
                 chosen, scan.ranges, scan.bearings, scan.labels, scan.count, self._proposed, self.models, self._state,
                 self._ids, self._pose, self._maps, self._points, self._ancestors, self._index, self._target,
                 self._log_hypothesis, self._log_w, self._w, self._scratch, self.gate, self.resample_threshold,
+                self._how[0],
             )  # fmt: skip
         else:
             update_nearest_lanes(
-                chosen, scan.ranges, scan.bearings, scan.labels, scan.count, self.models, self._state, self._pose,
-                self._pose_cov, self._maps, self._used, self._target, self._log_hypothesis, self._log_w, self._w,
-                self._scratch, self._normals, *self._returns, self.match_gate, self.new_gate, self.resample_threshold,
+                chosen, scan.ranges, scan.bearings, scan.labels, scan.count, scan.complete, self.models, self._state,
+                self._pose, self._pose_cov, self._maps, self._used, self._exists, self._target, self._log_hypothesis,
+                self._log_w, self._w, self._scratch, self._normals, *self._returns, self.match_gate, self.new_gate,
+                log_odds(self.remove_below), self.resample_threshold, self._how,
             )  # fmt: skip
         self.belief.mark_stale()
 
@@ -223,7 +238,7 @@ class SLAMTO(Estimator):
     def _resample(self, chosen: Ints) -> None:
         resample_lanes(
             chosen, self._state, self._pose, self._pose_cov, self._maps, self._points, self._ancestors, self._index,
-            self._target, self._log_hypothesis, self._log_w, self._w, self._used, self._places,
+            self._target, self._log_hypothesis, self._log_w, self._w, self._used, self._exists, self._places,
         )  # fmt: skip
 
     def _fill_core(self, buffers: dict[str, Any]) -> None:
@@ -248,7 +263,7 @@ class SLAMTO(Estimator):
         buffers["landmark_id"].fill(-1)
         fill_map_lanes(
             self._state, self._ids, self._used, self._pose, self._pose_cov, self._maps, self._points,
-            self._ancestors, self._index, self._w, self.association != "known", self._scratch, *filled,
+            self._ancestors, self._index, self._w, self.association != "known", self._exists, self._scratch, *filled,
         )  # fmt: skip
 
     @property

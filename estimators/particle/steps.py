@@ -14,6 +14,7 @@ from estimators.kernels.resampling import move_columns, moves, normalise, system
 from estimators.models import NO_TARGET, TWIST
 from estimators.particle.columns import gather_weights, share_outside, start_column, update_column
 from estimators.particle.layout import DRAW_MOTION, DRAW_RESAMPLE, HEADINGS, OPEN, REFUSED
+from estimators.particle.looks import UNSCENTED
 from estimators.particle.map_storage import move_particles, open_column, put_away
 from estimators.particle.proposal import draw_normals, move, trigonometry
 from estimators.particle.target import (
@@ -26,6 +27,7 @@ from estimators.particle.target import (
     start_target,
     weigh_hypothesis,
 )
+from estimators.particle.unscented import start_column_unscented, update_column_unscented
 
 FLUSH = 8  # determinants multiplied before their logarithm is taken: far from under- and overflow
 
@@ -43,10 +45,11 @@ def move_lanes(lanes, control, dt, models, state, pose, normals):
 @jit
 def update_lanes(
     lanes, ranges, bearings, labels, count, proposed, models, state, ids, pose, maps, points, ancestors, index, target,
-    log_hypothesis, log_w, w, scratch, gate, threshold,
+    log_hypothesis, log_w, w, scratch, gate, threshold, kind,
 ):  # fmt: skip
     """Take in one sweep whose returns say what they are (known association). scratch: [23, N].
 
+    kind: UNSCENTED (see `looks`) for landmarks by sigma points, else by Jacobians.
     proposed: [L, K] what a proposal has made of each return (see `layout`); all `OPEN` where poses are drawn blindly.
     """
     for lane in lanes:
@@ -70,7 +73,7 @@ def update_lanes(
                 told = take_landmark(
                     lane, slot, distance, bearing, labels[lane, k], models[lane], state, ids, pose[lane], maps[lane],
                     points[lane], ancestors[lane], index[lane], w[lane], scratch, likelihood,
-                    gate if is_open else math.inf,
+                    gate if is_open else math.inf, kind,
                 )  # fmt: skip
             taken += told if is_open else 0
             if taken == FLUSH:
@@ -116,7 +119,7 @@ def likelihood_rows(scratch, is_open):
 @jit
 def take_landmark(
     lane, slot, distance, bearing, label, model, state, ids, pose, maps, points, ancestors, index, w, scratch,
-    likelihood, gate,
+    likelihood, gate, kind,
 ):  # fmt: skip
     """A return of a landmark: start its column or update it; tells whether something is to be gathered."""
     x, y, cosine, sine = pose[0], pose[1], scratch[0], scratch[1]
@@ -130,7 +133,10 @@ def take_landmark(
         m = open_column(state[lane].count, maps, points, ancestors, index)
         ids[lane, state[lane].count] = label
         state[lane].count += 1
-        start_column(m[0], m[1], m[2], m[3], m[4], x, y, cosine, sine, distance, cb, sb, var_r, var_b)
+        if kind == UNSCENTED:
+            start_column_unscented(m[0], m[1], m[2], m[3], m[4], x, y, cosine, sine, distance, cb, sb, var_r, var_b)
+        else:
+            start_column(m[0], m[1], m[2], m[3], m[4], x, y, cosine, sine, distance, cb, sb, var_r, var_b)
         return 0
     m = open_column(slot, maps, points, ancestors, index)
     if gate < math.inf:
@@ -140,6 +146,12 @@ def take_landmark(
         if outside > 0.5:
             state[lane].gated += 1
             return 0
+    if kind == UNSCENTED:
+        update_column_unscented(
+            m[0], m[1], m[2], m[3], m[4], x, y, cosine, sine, likelihood[0], likelihood[1], distance, cb, sb, var_r,
+            var_b,
+        )  # fmt: skip
+        return 1
     update_column(
         m[0], m[1], m[2], m[3], m[4], x, y, cosine, sine, likelihood[0], likelihood[1], distance, cb, sb, var_r, var_b
     )
@@ -189,9 +201,10 @@ def take_target(lane, distance, bearing, model, state, pose, target, log_hypothe
 
 @jit
 def resample_lanes(
-    lanes, state, pose, pose_cov, maps, points, ancestors, index, target, log_hypothesis, log_w, w, used, places,
+    lanes, state, pose, pose_cov, maps, points, ancestors, index, target, log_hypothesis, log_w, w, used, exists,
+    places,
 ):  # fmt: skip
-    """Systematic resampling in the lanes where it is due. places: [3, N] integer scratch."""
+    """Systematic resampling in the lanes where it is due. exists: [L, M or 0, N]. places: [3, N] integer scratch."""
     copies, source, destination = places[0], places[1], places[2]
     for lane in lanes:
         put_away(maps[lane], points[lane], ancestors[lane], index[lane])
@@ -207,6 +220,7 @@ def resample_lanes(
         move_particles(
             state[lane].count, maps[lane], points[lane], ancestors[lane], index[lane], source, destination, count
         )  # fmt: skip
+        move_columns(exists[lane, : state[lane].count], source, destination, count)
         for g in range(state[lane].hypotheses):
             move_columns(target[lane, g], source, destination, count)
         move_columns(log_hypothesis[lane, : state[lane].hypotheses], source, destination, count)

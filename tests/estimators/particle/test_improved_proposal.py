@@ -7,8 +7,9 @@ from scipy.stats import multivariate_normal
 
 from estimators.interface import TARGET
 from estimators.kernels.random import uniform4
-from estimators.particle.improved_proposal import BOX_FLOOR, RBPF, improve
+from estimators.particle.improved_proposal import RBPF
 from estimators.particle.layout import DRAW_SAMPLES
+from estimators.particle.sampled import BOX_FLOOR, improve
 from estimators.registry import make as make_estimator
 from estimators.testing import checks
 
@@ -131,7 +132,7 @@ def test_with_little_noise_the_weights_are_fastslam2s(make, oracle):
         ({"samples": 3}, "samples must be at least 4"),
         ({"proposal": "optimal"}, "'whitened', 'literal'"),
         ({"box": (0.1, 0.0, 0.1)}, "three positive half widths"),
-        ({"association": "nearest"}, "use 'fastslam2'"),
+        ({"gate": 9.21}, "use 'fastslam2'"),
     ],
 )
 def test_wrong_options(options, message, oracle):

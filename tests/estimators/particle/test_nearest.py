@@ -1,17 +1,25 @@
 """Association in each particle for itself."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from scipy.stats import multivariate_normal
 
 from estimators.interface import TARGET, UNKNOWN
+from estimators.models import MotionModel, SensorModel
+from estimators.registry import make as make_estimator
 from estimators.testing import checks
 
 
 @pytest.mark.parametrize("check", checks("slamto", association="nearest"), ids=str)
 def test_contract(check):
+    check()
+
+
+@pytest.mark.parametrize("check", checks("rbpf", association="nearest")[:6], ids=str)
+def test_contract_of_rbpf(check):
     check()
 
 
@@ -120,3 +128,74 @@ def test_a_full_map_is_counted(make, oracle):
     f.update(oracle.scan_of(unlabelled(oracle.sweep(np.zeros(3), np.array([3.0, 1.0]), rng)[:-1])))
     assert f.counts["overflow"][0] == 2
     assert f.belief.landmark_count[0] == 2
+
+
+FILTERS = ("slamto", "fastslam2", "rbpf")
+CLUTTERED = SensorModel(max_range=20.0, range_std=0.1, bearing_std=0.05, clutter_rate=1.0, detection_probability=0.9)
+NEAR, FAR = (3.0, 0.2, UNKNOWN), (2.0, -1.5, UNKNOWN)
+
+
+def settled(name, sensor=CLUTTERED, **options):
+    f = make_estimator(
+        name, MotionModel(speed_std=0.02, turn_std=0.02), sensor, None, max_landmarks=6, particles=20,
+        association="nearest", **options,
+    )  # fmt: skip
+    f.reset(np.zeros(3), np.zeros((3, 3)), seeds=[0])
+    return f
+
+
+def feed(f, oracle, *sweeps, complete=True):
+    for returns in sweeps:
+        scan = oracle.scan_of(returns)
+        scan.complete[:] = complete
+        f.predict(np.zeros((1, 2)), 0.1)
+        f.update(scan)
+
+
+@pytest.mark.parametrize("name", FILTERS)
+def test_a_false_alarm_never_reaches_the_belief_and_is_removed(oracle, name):
+    f = settled(name)
+    feed(f, oracle, [NEAR, FAR])
+    assert (f.get_state()["used"] == 2).all()
+    assert f.belief.landmark_count[0] == 0
+    feed(f, oracle, *[[NEAR]] * 4)
+    assert (f.get_state()["used"] == 1).all()
+    assert f.belief.landmark_mapped[0].tolist() == [True] + [False] * 5
+    np.testing.assert_allclose(f.belief.landmark_mean[0, 0], [3.0 * np.cos(0.2), 3.0 * np.sin(0.2)], atol=0.1)
+    assert f.counts["removed"][0] == 1
+
+
+def test_what_need_not_have_been_seen_stays(oracle):
+    gone, kept, incomplete, narrow = (
+        settled("slamto"), settled("slamto", remove_below=0.0), settled("slamto"),
+        settled("slamto", replace(CLUTTERED, field_of_view=0.45)),
+    )  # fmt: skip
+    feed(gone, oracle, [NEAR], *[[]] * 8)
+    feed(kept, oracle, [NEAR], *[[]] * 8)
+    feed(incomplete, oracle, [NEAR], *[[]] * 8, complete=False)
+    feed(narrow, oracle, [NEAR], *[[]] * 8)
+    assert [int(f.get_state()["used"].max()) for f in (gone, kept, incomplete, narrow)] == [0, 1, 1, 1]
+
+
+def test_behind_a_mapped_pillar_a_landmark_need_not_be_seen(oracle):
+    behind = (5.0, 0.2, UNKNOWN)
+    for radius, left in ((0.3, 2), (0.0, 1)):
+        f = settled("slamto", replace(CLUTTERED, landmark_radius=radius))
+        feed(f, oracle, *[[NEAR, behind]] * 3, *[[NEAR]] * 12)
+        assert f.get_state()["used"].max() == left
+
+
+def test_resampling_takes_the_books_along(oracle):
+    """Particles that are copies of one have its map and its log odds."""
+    f = settled("slamto")
+    feed(f, oracle, *[[NEAR, FAR]] * 3)
+    state = f.get_state()
+    state["w"][0] = np.eye(20)[7]
+    state["log_w"][0] = np.where(np.eye(20)[7] > 0, 0.0, -np.inf)
+    state["exists"][0, 1, 7] = -1.0
+    state["state"]["due"] = 1
+    f.set_state(state)
+    f.predict(np.zeros((1, 2)), 0.1)
+    after = f.get_state()
+    assert (after["exists"][0, 1] == -1.0).all()
+    assert (after["exists"][0, 0] == state["exists"][0, 0, 7]).all()
