@@ -40,8 +40,9 @@ class Evaluate:
       slam-gym evaluate runs/mine-0 runs/mine-1 runs/mine-2 --runs 400
           three seeds of one configuration
 
-      slam-gym evaluate ppo --scenarios default discovery --against pursuit stationary --estimator ekf
-          in several scenarios, against several policies, on another filter's belief
+      slam-gym evaluate ppo --scenarios default discovery --against pursuit oracle --estimator ekf
+          in several scenarios, against several policies, on another filter's belief; with pursuit and an oracle also
+          the share of the gap between them that is closed
     """
 
     policies: Annotated[tuple[str, ...], tyro.conf.Positional]
@@ -74,10 +75,13 @@ class Evaluate:
         from rich.console import Console
 
         from slam_gym.commands.compare import progress_bar
+        from slam_gym.commands.summary import print_gaps
         from slam_gym.evaluation import compare
+        from slam_gym.gaps import gap_table
         from slam_gym.policies import parse
         from slam_gym.results import file_stem, write_atomic
         from slam_gym.specs import parse_settings
+        from slam_gym.verdicts import pool
 
         if not self.margin >= 0.0:
             raise ValueError(f"--margin must be zero or more; got {self.margin}")
@@ -95,10 +99,13 @@ class Evaluate:
                 overrides=parse_settings(changes), out=out, resume=self.resume, jobs=self.jobs,
                 command=shlex.join(["slam-gym", *sys.argv[1:]]), progress=progress,
             )  # fmt: skip
-        table = judgement(results.runs, [spec.label for spec in candidates], [o.label for o in others], self.margin)
+        labels = [spec.label for spec in candidates]
+        name = labels[0] if len(labels) == 1 else f"{len(labels)} training seeds"
+        table = judgement(results.runs, labels, [spec.label for spec in others], self.margin)
         write_atomic(out / TABLE, lambda file: table.to_csv(file, index=False))
         console = Console()
         print_judgement(table, console, self.margin)
+        print_gaps(gap_table(pool(results.runs, labels, name)), console)
         console.print(f"Tables: {out} ({TABLE} and those of `slam-gym compare`)", soft_wrap=True, highlight=False)
         console.print(f"Pictures: slam-gym report {out}", soft_wrap=True, highlight=False)
         return 0

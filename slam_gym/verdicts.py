@@ -32,6 +32,7 @@ METRICS = (
     Metric("target_error_capped", "target error", "m"),
     Metric("target_error_rel_capped", "target, robot frame", "m"),
     Metric("lost_share", "track lost", "%", 100.0),
+    Metric("find_time", "time to find", "s"),
     Metric("robot_error_mean", "pose error", "m"),
     Metric("effort", "effort"),
     Metric("target_nees_mean", "target NEES (honest: 2)", judged=False),
@@ -83,6 +84,8 @@ def judge(runs: pd.DataFrame, candidates: Sequence[str], baseline: str, *, margi
     rows: list[dict[str, Any]] = []
     for (scenario, estimator), group in runs.groupby(["scenario", "estimator"], sort=False):
         for metric in METRICS:
+            if metric.column not in group:
+                continue
             table = group.pivot(index="run", columns="policy", values=metric.column) * metric.scale
             values, reference = table[list(candidates)].to_numpy().T, table[baseline].to_numpy()  # [k, n], [n]
             found = _difference(values, reference)
@@ -98,6 +101,14 @@ def judge(runs: pd.DataFrame, candidates: Sequence[str], baseline: str, *, margi
                 "not_worse": metric.judged and found.not_worse(margin * against),
             })  # fmt: skip
     return pd.DataFrame(rows)
+
+
+def pool(runs: pd.DataFrame, candidates: Sequence[str], label: str) -> pd.DataFrame:
+    """The runs with the candidates' replaced by their mean in each world, under one label."""
+    chosen = runs["policy"].isin(list(candidates))
+    key = ["scenario", "estimator", "run"]
+    mean = runs[chosen].groupby(key, sort=False).mean(numeric_only=True).reset_index().assign(policy=label)
+    return pd.concat([runs[~chosen], mean], ignore_index=True)
 
 
 def _difference(values: Any, reference: Any) -> Difference:

@@ -44,8 +44,9 @@ def test_a_run_folder_is_evaluated_where_it_was_trained(write_policy, tmp_path, 
 
 def test_of_several_run_folders_the_seed_is_the_unit(write_policy, tmp_path, capsys):
     runs = [write_policy(tmp_path / f"run{seed}", seed) for seed in (1, 2, 3)]
-    assert evaluate(*runs, "--against", "stationary", *SHORT, "--out", tmp_path / "out") == 0
+    assert evaluate(*runs, "--against", "pursuit", "oracle", *SHORT, "--out", tmp_path / "out") == 0
     said = capsys.readouterr().out
+    assert "oracle" in said.partition("3 training seeds")[2]
     assert "3 training seeds in 3 worlds" in said
     assert "The training seed is the unit" in said
 

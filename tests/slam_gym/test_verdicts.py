@@ -2,7 +2,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from slam_gym.verdicts import METRICS, judge
+from slam_gym.verdicts import METRICS, judge, pool
 
 WORLDS = 40
 
@@ -54,6 +54,14 @@ def test_of_several_seeds_the_seed_is_the_unit():
     assert found["difference"] == pytest.approx(-0.8 / 3, abs=0.05)
     steady = runs(base=0.0, one=-0.5, two=-0.55, three=-0.45)
     assert verdicts(judge(steady, ["one", "two", "three"], "base"))["pose error"] == "win"
+
+
+def test_pooled_seeds_are_their_mean_in_each_world():
+    table = runs(base=0.0, one=-0.9, two=0.2)
+    pooled = pool(table, ["one", "two"], "both").set_index(["policy", "run"])["effort"]
+    by_policy = table.pivot(index="run", columns="policy", values="effort")
+    np.testing.assert_allclose(pooled["both"], by_policy[["one", "two"]].mean(axis=1))
+    np.testing.assert_array_equal(pooled["base"], by_policy["base"])
 
 
 def test_what_is_undefined_is_left_out():
