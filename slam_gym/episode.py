@@ -27,6 +27,7 @@ class Episode:
         estimators: "ekf", "slamto:particles=500" or (name, options); the policy acts on the belief of the first.
         policy: "pursuit", "pursuit:stand_off=2", (name, options) or the folder of a training; None: the scenario's own.
         seed: of world, estimators and policy.
+        cloud_points: where a lost target may be, beside each estimator, for pictures; 0: none.
 
     Attributes:
         simulation: world, estimators and meters.
@@ -42,6 +43,7 @@ class Episode:
         *,
         policy: Named | None = None,
         seed: int = 0,
+        cloud_points: int = 0,
     ) -> None:
         specs = [Spec.parse(estimator) for estimator in estimators]
         if not specs:
@@ -55,6 +57,9 @@ class Episode:
         self.policy = policies.make(chosen.name, self.context, 1, **chosen.options)
         self._view = PolicyView(self.policy, scenario)
         self._view.attach(self.simulation, self.driver)
+        for index in range(len(specs) if cloud_points and scenario.has_target else 0):
+            if index not in self.simulation.clouds:
+                self.simulation.attach_cloud(cloud_points, index)
         self.reset(seed)
 
     def reset(self, seed: int) -> None:

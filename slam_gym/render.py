@@ -5,6 +5,7 @@ picture = renderer.draw(Frame.from_simulation(simulation))  # [600, 800, 3] uint
 """
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Literal
 
 import numpy as np
@@ -13,8 +14,9 @@ from numpy.typing import NDArray
 from slam_gym.render_canvas import Camera, Canvas, text
 from slam_gym.render_frame import Frame, History
 from slam_gym.render_map import INK, Layers, bounds, draw_map, grid_step
-from slam_gym.render_panel import Panel, Strip
+from slam_gym.render_panel import Panel
 from slam_gym.render_pygame import pygame
+from slam_gym.render_strip import Strip
 
 __all__ = ["Frame", "History", "Layers", "Renderer"]
 
@@ -35,7 +37,8 @@ class Renderer:
 
     Attributes:
         layers: what is drawn.
-        follow: keep the robot in the middle instead of showing the whole arena.
+        follow: what to keep in the middle instead of showing the whole arena: "robot" or "target"; None: neither.
+        split: truth on the left, belief on the right, instead of one over the other.
         keys: rows (key, meaning) listed in the panel.
         note: one bold line above them.
 
@@ -56,7 +59,9 @@ class Renderer:
         if size[0] < SMALLEST[0] or size[1] < SMALLEST[1]:
             raise ValueError(f"a picture needs at least {SMALLEST[0]} x {SMALLEST[1]} pixels; got {size}")
         self.mode, self.fps = mode, fps
-        self.layers, self.follow = Layers(), False
+        self.layers = Layers()
+        self.follow: Literal["robot", "target"] | None = None
+        self.split = False
         self.keys: Sequence[tuple[str, str]] = ()
         self.note = ""
         self.history = History()
@@ -113,9 +118,10 @@ class Renderer:
             pygame.display.quit()
 
     def _paint(self, frame: Frame, history: History) -> None:
-        camera = self._camera(frame, history)
         has_target = frame.target is not None
-        draw_map(self._canvas, self._map, camera, frame, history, self.layers)
+        for area, layers, _ in self._views():
+            camera = self._camera(area, frame, history, layers)
+            draw_map(self._canvas, area, camera, frame, history, layers)
         bar = self._scale_bar(camera)
         if self._panel:
             self._panel.shapes(self._canvas, frame, self.layers)
@@ -124,19 +130,39 @@ class Renderer:
         self._canvas.onto(self.surface)
         small = max(9, round(0.85 * self._letter))
         text(self.surface, f"{bar:g} m", (self._letter, self._map.bottom - 2.3 * small), INK, small)
+        for area, _, title in self._views():
+            text(self.surface, title, (area.left + self._letter, area.top + 4), INK, self._letter, bold=True)
         if self._panel:
             self._panel.words(self.surface, frame, self.layers, self.keys, self.note)
         if self._strip:
             self._strip.words(self.surface, history, has_target)
 
-    def _camera(self, frame: Frame, history: History) -> Camera:
-        if not self.follow:
+    def _views(self) -> list[tuple[pygame.Rect, Layers, str]]:
+        """The maps side by side: place, what is drawn, title."""
+        if not self.split:
+            return [(self._map, self.layers, "")]
+        width = self._map.width // 2
+        halves = [pygame.Rect(self._map.left + i * width, self._map.top, width, self._map.height) for i in (0, 1)]
+        truth = replace(self.layers, truth=True, belief=False)
+        return [(halves[0], truth, "truth"), (halves[1], replace(self.layers, truth=False, belief=True), "belief")]
+
+    def _camera(self, area: pygame.Rect, frame: Frame, history: History, layers: Layers) -> Camera:
+        middle = self._followed(frame, layers)
+        if middle is None:
             bar = round(2.2 * self._letter)  # its scale stands below what is shown
-            area = pygame.Rect(self._map.left, self._map.top, self._map.width, self._map.height - bar)
-            return Camera.fit(area, *bounds(frame, history), margin=0.02)
-        middle = (frame.pose if self.layers.truth else frame.belief_pose)[:2]
+            inside = pygame.Rect(area.left, area.top, area.width, area.height - bar)
+            return Camera.fit(inside, *bounds(frame, history), margin=0.02)
         reach = FOLLOWED * min(frame.max_range, max(frame.arena))
-        return Camera.fit(self._map, middle - reach, middle + reach, margin=0.0)
+        return Camera.fit(area, middle - reach, middle + reach, margin=0.0)
+
+    def _followed(self, frame: Frame, layers: Layers) -> NDArray[np.float64] | None:
+        """The point [2] to keep in the middle; None: the whole arena is shown."""
+        if self.follow == "target":
+            place = frame.target if layers.truth else frame.belief_target
+            return None if place is None else place[:2]
+        if self.follow == "robot":
+            return (frame.pose if layers.truth else frame.belief_pose)[:2]
+        return None
 
     def _scale_bar(self, camera: Camera) -> float:
         """Draw a bar as long as the grid's step, and return its length [m]."""

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimators.interface import TARGET
+from slam_gym.reward import default_reward
 
 if TYPE_CHECKING:
     from slam_gym.simulation import Simulation
@@ -54,13 +55,18 @@ class Frame:
     belief_target_cov: Floats | None = None  # [2, 2]
     belief_landmarks: Floats = field(default_factory=_no_points)  # [m, 2]
     belief_landmark_cov: Floats = field(default_factory=lambda: np.zeros((0, 2, 2)))  # [m, 2, 2]
+    belief_target_heading: float = math.nan  # [rad]
+    belief_target_heading_std: float = math.nan  # [rad]
     particles: Floats | None = None  # [P, 3]
+    cloud: Floats | None = None  # [N, 2] where a lost target may be; None: it is in view, or nobody keeps a cloud
+    cloud_weights: Floats | None = None  # [N]
     # numbers of the text panel and the strip; NaN: undefined
     robot_error: float = math.nan  # [m]
     heading_error: float = math.nan  # [rad]
     target_error: float = math.nan  # [m]
     pose_nees: float = math.nan  # 3 degrees of freedom
     target_nees: float = math.nan  # 2
+    reward: float = math.nan  # of this instant, with the default weights
 
     @classmethod
     def from_simulation(
@@ -116,11 +122,14 @@ def _belief(simulation: "Simulation", lane: int, index: int) -> dict[str, Any]:
         particles = belief.particles(lane)[0]
     except NotImplementedError:
         particles = None
+    variance = float(belief.target_heading_var[lane])
     return {
         "belief_pose": belief.pose[lane].copy(),
         "belief_pose_cov": belief.pose_cov[lane].copy(),
         "belief_target": belief.target_position[lane].copy() if known else None,
         "belief_target_cov": belief.target_position_cov[lane].copy() if known else None,
+        "belief_target_heading": float(belief.target_heading[lane]) if known else math.nan,
+        "belief_target_heading_std": math.sqrt(max(variance, 0.0)) if known else math.nan,
         "belief_landmarks": belief.landmark_mean[lane][mapped],
         "belief_landmark_cov": belief.landmark_cov[lane][mapped],
         "particles": particles,
@@ -129,7 +138,26 @@ def _belief(simulation: "Simulation", lane: int, index: int) -> dict[str, Any]:
         "target_error": float(metrics["target_error"]),
         "pose_nees": float(metrics["pose_nees"]),
         "target_nees": float(metrics["target_nees"]),
+        **_cloud(simulation, lane, index),
+        **_reward(simulation, lane, metrics),
     }
+
+
+def _cloud(simulation: "Simulation", lane: int, index: int) -> dict[str, Any]:
+    """Where a lost target may be, if a cloud accompanies the estimator."""
+    if index not in simulation.clouds or simulation.world.scan_holds_target(lane):
+        return {}
+    points, weights = simulation.estimators[index].belief.target_cloud
+    return {"cloud": points[lane].copy(), "cloud_weights": weights[lane].copy()}
+
+
+def _reward(simulation: "Simulation", lane: int, metrics: Any) -> dict[str, float]:
+    world = simulation.world
+    if not world.has_target:
+        return {}
+    distance = math.hypot(*(world.target[lane, :2] - world.pose[lane, :2]))
+    error, error_rel = float(metrics["target_error"]), float(metrics["target_error_rel"])
+    return {"reward": default_reward(error, error_rel, world.scan_holds_target(lane), distance)}
 
 
 class History:
@@ -139,7 +167,7 @@ class History:
     """
 
     COLUMNS = ("time", "x", "y", "belief_x", "belief_y", "target_x", "target_y", "belief_target_x", "belief_target_y",
-               "robot_error", "target_error", "pose_nees", "seen")  # fmt: skip
+               "robot_error", "target_error", "pose_nees", "reward", "seen")  # fmt: skip
 
     def __init__(self) -> None:
         self._rows = np.zeros((256, len(self.COLUMNS)))
@@ -162,7 +190,7 @@ class History:
         belief = nowhere if frame.belief_target is None else frame.belief_target
         self._rows[self._size] = (
             frame.time, *frame.pose[:2], *frame.belief_pose[:2], *target, *belief, frame.robot_error,
-            frame.target_error, frame.pose_nees, frame.target_seen,
+            frame.target_error, frame.pose_nees, frame.reward, frame.target_seen,
         )  # fmt: skip
         self._size += 1
         self._step = frame.step

@@ -10,6 +10,7 @@ from slam_gym.render_frame import Frame
 from slam_gym.render_map import (
     BELIEVED_LANDMARK,
     BELIEVED_TARGET,
+    CLOUD,
     CLUTTER,
     HEADING_POINTS,
     INK,
@@ -25,6 +26,7 @@ from slam_gym.render_pygame import pygame
 
 FAINT: Colour = (110, 115, 121)
 AXIS: Colour = (205, 208, 212)
+PAPER: Colour = (250, 250, 251)  # behind panel and strip
 
 Symbol = Callable[[Canvas, float, float, float], None]
 
@@ -47,6 +49,8 @@ def legend(frame: Frame, layers: Layers) -> list[tuple[Symbol, str]]:
         found.append((_ellipse, "95 % ellipse"))
     if layers.belief and layers.particles and frame.particles is not None:
         found.append((_dots, "particles"))
+    if layers.belief and layers.cloud and frame.cloud is not None:
+        found.append((_cloud_dots, "may be here, lost"))
     if layers.view:
         found.append((_patch, "sensor's view"))
     if layers.scan:
@@ -96,6 +100,11 @@ def _ellipse(canvas: Canvas, x: float, y: float, size: float) -> None:
 def _dots(canvas: Canvas, x: float, y: float, size: float) -> None:
     for dx, dy in ((-1.0, 0.3), (-0.2, -0.6), (0.4, 0.5), (1.1, -0.2)):
         canvas.disc((x + dx * size, y + dy * size), 1.2, PARTICLE)
+
+
+def _cloud_dots(canvas: Canvas, x: float, y: float, size: float) -> None:
+    for dx, dy in ((-1.1, -0.2), (-0.4, 0.5), (0.2, -0.6), (1.0, 0.3)):
+        canvas.disc((x + dx * size, y + dy * size), 1.6, CLOUD)
 
 
 def _patch(canvas: Canvas, x: float, y: float, size: float) -> None:

@@ -28,6 +28,7 @@ BELIEVED_TARGET = rgb(VERMILION)
 BELIEVED_LANDMARK = rgb(GREEN)
 CLUTTER = rgb(ORANGE)
 PARTICLE = rgb(PURPLE)
+CLOUD = rgb(VERMILION)
 
 TRAIL_POINTS = 700  # a longer trail is thinned out
 VIEW_RAYS = 121
@@ -45,6 +46,7 @@ class Layers:
     view: bool = True
     scan: bool = True
     particles: bool = True
+    cloud: bool = True
 
 
 def draw_map(canvas: Canvas, area: pygame.Rect, camera: Camera, frame: Frame, history: History, layers: Layers) -> None:
@@ -59,6 +61,8 @@ def draw_map(canvas: Canvas, area: pygame.Rect, camera: Camera, frame: Frame, hi
         draw_landmarks(canvas, camera, frame)
     if layers.scan:
         draw_scan(canvas, camera, frame, seeing)
+    if layers.belief and layers.cloud and frame.cloud is not None and frame.cloud_weights is not None:
+        draw_cloud(canvas, camera, frame.cloud, frame.cloud_weights)
     if layers.trails:
         draw_trails(canvas, camera, history, layers)
     if layers.belief:
@@ -171,6 +175,13 @@ def draw_particles(canvas: Canvas, camera: Camera, particles: Floats) -> None:
         canvas.disc(centre, 1.0, PARTICLE)
 
 
+def draw_cloud(canvas: Canvas, camera: Camera, points: Floats, weights: Floats) -> None:
+    """Where a lost target may be: dots whose area goes with their weight."""
+    sizes = 1.7 * np.sqrt(weights * len(weights))
+    for centre, size in zip(camera.pixels(points), np.clip(sizes, 0.8, 5.0), strict=True):
+        canvas.disc(centre, float(size), CLOUD)
+
+
 def draw_believed_landmarks(canvas: Canvas, camera: Camera, frame: Frame, ellipses: bool) -> None:
     """Mapped landmarks: a plus, and the ellipse that should hold the true one in 95 % of cases."""
     for mean, cov in zip(frame.belief_landmarks, frame.belief_landmark_cov, strict=True):
@@ -205,9 +216,21 @@ def draw_belief(canvas: Canvas, camera: Camera, frame: Frame, ellipses: bool) ->
     if frame.belief_target is None or frame.belief_target_cov is None:
         return
     canvas.cross(camera.pixels(frame.belief_target), 0.9 * size, BELIEVED_TARGET, 2.5, turned=True)
+    draw_heading_fan(canvas, camera, frame, 3.2 * size)
     if ellipses:
         ellipse = ellipse_points(frame.belief_target, frame.belief_target_cov)
         canvas.line(camera.pixels(ellipse), BELIEVED_TARGET, 2.0, closed=True)
+
+
+def draw_heading_fan(canvas: Canvas, camera: Camera, frame: Frame, length: float) -> None:
+    """Two rays from the believed target that hold its heading in 95 % of cases, and the arc between; length in [px]."""
+    half = 1.96 * frame.belief_target_heading_std
+    if frame.belief_target is None or not half < 0.9 * math.pi:
+        return
+    angles = frame.belief_target_heading + np.linspace(-half, half, 16)
+    middle = camera.pixels(frame.belief_target)
+    arc = middle + length * np.column_stack([np.cos(angles), -np.sin(angles)])
+    canvas.line(np.vstack([middle, arc, middle]), BELIEVED_TARGET, 1.0)
 
 
 def arrow(camera: Camera, pose: Floats, size: float) -> Floats:

@@ -47,6 +47,12 @@ def weights(chosen: Mapping[str, float] | None) -> Floats:
     return np.array([found[name] for name in TERMS])
 
 
+def default_reward(target_error: float, target_error_rel: float, seen: bool, distance: float) -> float:
+    """What tracking and pursuit are worth at an instant with the default weights; errors and distance in metres."""
+    values = terms(0.0, target_error, target_error_rel, True, seen, distance, 0.0, 0.0, 0.0, 0.0)
+    return float(np.dot(weights(None), values))
+
+
 @inline
 def _capped(error):
     """An error of at most the cap; what is no number counts as the cap."""

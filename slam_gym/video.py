@@ -37,7 +37,7 @@ class VideoWriter:
     """
 
     def __init__(self, file: Path, size: tuple[int, int], fps: float) -> None:
-        self.file, self.fps = Path(file), fps
+        self.file, self.size, self.fps = Path(file), size, fps
         check_file(self.file, "video", KINDS)
         self._pictures: list[Any] = []
         self._pipe: Any = None

@@ -3,6 +3,7 @@
 import itertools
 import os
 import time
+from importlib.util import find_spec
 from pathlib import Path
 
 import numpy as np
@@ -11,22 +12,28 @@ from numpy.typing import NDArray
 from slam_gym.episode import Episode
 from slam_gym.render import Frame, History, Renderer
 from slam_gym.render_pygame import pygame
+from slam_gym.video import VideoWriter
 
 KEYS = (
     ("space n", "pause, one step"),
     ("+ \u2212", "faster, slower"),
     ("tab", "next estimator"),
-    ("t b", "truth, belief"),
-    ("e r", "ellipses, trails"),
-    ("f", "follow the robot"),
+    ("t b d", "truth, belief, split"),
+    ("e r l", "ellipses, trails, lost"),
+    ("v c x", "view, sweep, particles"),
+    ("f", "follow robot, target"),
     ("arrows p", "drive, policy again"),
     ("enter", "next world"),
-    ("s q", "save a PNG, quit"),
+    ("s m", "save PNG, video"),
+    ("q", "quit"),
 )
-TOGGLES = {"t": "truth", "b": "belief", "e": "ellipses", "r": "trails", "v": "view", "c": "scan", "x": "particles"}
+TOGGLES = {"t": "truth", "b": "belief", "e": "ellipses", "r": "trails", "v": "view", "c": "scan", "x": "particles",
+           "l": "cloud"}  # fmt: skip
+FOLLOW = {None: "robot", "robot": "target", "target": None}
 FASTEST, SLOWEST = 64.0, 1.0 / 16.0  # times real time
 BUSY = 0.5  # share of a picture's time that may go into simulation before it lags behind the clock
 FPS = 60.0
+VIDEO_FPS = 30.0
 INVISIBLE = ("offscreen", "dummy")  # what SDL falls back on without a display
 NOTE_TIME = 2.0  # [s] that a message stays
 
@@ -48,6 +55,8 @@ class Viewer:
         self._owed = 0.0  # [s] of simulated time that the clock is ahead
         self._message, self._message_until = "", 0.0
         self._held: set[int] = set()
+        self._video: VideoWriter | None = None
+        self._video_owed = 0.0  # [s] that the clock is ahead of the video
         renderer.keys = KEYS
         self._record()
 
@@ -73,6 +82,14 @@ class Viewer:
                 if time.perf_counter() > deadline:
                     self._owed = 0.0
         self._draw()
+        self._film(elapsed)
+
+    def close(self) -> None:
+        """Finish what is being recorded."""
+        if self._video is not None:
+            self._video.close()
+            self._say(f"saved {self._video.file.name}")
+            self._video = None
 
     def handle(self, event: pygame.event.Event) -> None:
         """Obey one event."""
@@ -112,7 +129,11 @@ class Viewer:
             if not self.episode.finished:
                 self._step()
         elif character == "f":
-            self.renderer.follow = not self.renderer.follow
+            self.renderer.follow = FOLLOW[self.renderer.follow]  # type: ignore[assignment]
+        elif character == "d":
+            self.renderer.split = not self.renderer.split
+        elif character == "m":
+            self._start_or_stop_video()
         elif character == "p":
             self.manual = False
         elif character == "s":
@@ -152,22 +173,53 @@ class Viewer:
         words = ["paused" if self.paused else f"{speed} x real time"]
         if self.manual:
             words.append("you drive")
+        if self._video is not None:
+            words.append("recording")
         return ", ".join(words)
 
     def _save(self) -> None:
-        name = f"{self.episode.scenario.name}-{self.episode.names[self.shown]}-{self.episode.step_count}"
-        safe = _unused(self.folder, "".join(c if c.isalnum() or c in "-._=" else "_" for c in name))
+        file = self._unused_file(".png")
         try:
-            pygame.image.save(self.renderer.surface, str(self.folder / safe))
-            self._message = f"saved {safe}"
+            pygame.image.save(self.renderer.surface, str(file))
+            self._say(f"saved {file.name}")
         except (OSError, pygame.error) as error:
-            self._message = f"not saved: {error}"
-        self._message_until = time.perf_counter() + NOTE_TIME
+            self._say(f"not saved: {error}")
+
+    def _say(self, words: str) -> None:
+        self._message, self._message_until = words, time.perf_counter() + NOTE_TIME
+
+    def _start_or_stop_video(self) -> None:
+        """An MP4 where ffmpeg is installed, else a GIF."""
+        if self._video is not None:
+            self.close()
+            return
+        kind = ".mp4" if find_spec("imageio_ffmpeg") is not None else ".gif"
+        try:
+            self._video, self._video_owed = VideoWriter(self._unused_file(kind), self.renderer.size, VIDEO_FPS), 0.0
+        except (OSError, ValueError) as error:
+            self._say(f"no video: {error}")
+
+    def _film(self, elapsed: float) -> None:
+        """As many copies of the picture as the clock asks for; a window of another size ends the video."""
+        if self._video is None:
+            return
+        if self._video.size != self.renderer.size:
+            self.close()
+            return
+        self._video_owed += min(elapsed, 0.25)
+        while self._video is not None and self._video_owed >= 1.0 / VIDEO_FPS:
+            self._video_owed -= 1.0 / VIDEO_FPS
+            self._video.write(self.renderer.pixels())
+
+    def _unused_file(self, suffix: str) -> Path:
+        name = f"{self.episode.scenario.name}-{self.episode.names[self.shown]}-{self.episode.step_count}"
+        safe = "".join(c if c.isalnum() or c in "-._=" else "_" for c in name)
+        return self.folder / _unused(self.folder, safe, suffix)
 
 
-def _unused(folder: Path, stem: str) -> str:
-    """A PNG's name that is not taken yet: stem.png, stem-2.png, ..."""
-    names = (f"{stem}{f'-{i}' if i > 1 else ''}.png" for i in itertools.count(1))
+def _unused(folder: Path, stem: str, suffix: str) -> str:
+    """A file's name that is not taken yet: stem.png, stem-2.png, ..."""
+    names = (f"{stem}{f'-{i}' if i > 1 else ''}{suffix}" for i in itertools.count(1))
     return next(name for name in names if not (folder / name).exists())
 
 

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from estimators.interface import Scan
+from estimators.interface import TARGET, Scan
 from estimators.kernels.bound import LATER, Bound, bind
 from estimators.kernels.random import lane_key
 from estimators.models import MotionModel, SensorModel, TargetModel
@@ -173,6 +173,10 @@ class World:
             self._share(command, lanes)
         else:
             self._step(lanes, command)
+
+    def scan_holds_target(self, lane: int) -> bool:
+        """Whether a return of the latest sweep is really the target's."""
+        return bool((self.origin[lane, : self.scan.count[lane]] == TARGET).any())
 
     def bound_step(self, command: Floats) -> Bound:
         """The kernel of `step` for ever the same array of commands, on one thread; it takes the lanes."""

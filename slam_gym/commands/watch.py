@@ -6,6 +6,8 @@ from typing import Annotated
 
 import tyro
 
+CLOUD_POINTS = 256  # where a lost target may be
+
 
 @dataclass(frozen=True)
 class Watch:
@@ -34,7 +36,7 @@ class Watch:
     size: tuple[int, int] = (1200, 800)
     """Width and height of the window [px]; it can be resized."""
     folder: Path = Path()
-    """Where `s` saves pictures."""
+    """Where `s` and `m` save pictures and videos."""
 
     def run(self) -> int:
         """Open the window and run until it is closed."""
@@ -45,15 +47,17 @@ class Watch:
         from slam_gym.viewer import FPS, Viewer, check_display
 
         scenario = Scenario.load(self.scenario, **parse_settings(self.set))
-        episode = Episode(scenario, self.estimators, policy=self.policy, seed=self.seed)
+        episode = Episode(scenario, self.estimators, policy=self.policy, seed=self.seed, cloud_points=CLOUD_POINTS)
         check_display()
         print("Loading (the first time compiles: up to a minute) ...", flush=True)
         episode.warm_up()
         renderer = Renderer("human", self.size, title=f"slam-gym: {scenario.name}", fps=FPS)
+        viewer = Viewer(episode, renderer, self.folder)
         try:
-            Viewer(episode, renderer, self.folder).loop()
+            viewer.loop()
         except KeyboardInterrupt:
             return 130
         finally:
+            viewer.close()
             renderer.close()
         return 0

@@ -26,15 +26,17 @@ def make_frame(step=0, **changes):
         "belief_target_cov": np.array([[0.3, 0.1], [0.1, 0.2]]), "belief_landmarks": LANDMARKS[:2] + 0.3,
         "belief_landmark_cov": np.tile(0.1 * np.eye(2), (2, 1, 1)),
         "particles": pose + np.random.default_rng(0).normal(0, 0.8, (40, 3)), "robot_error": 0.36,
-        "heading_error": 0.1, "target_error": 0.45, "pose_nees": 3.0, "target_nees": 1.0,
+        "heading_error": 0.1, "target_error": 0.45, "pose_nees": 3.0, "target_nees": 1.0, "reward": 0.7,
+        "belief_target_heading": 1.4, "belief_target_heading_std": 0.2,
+        "cloud": target[:2] + np.random.default_rng(1).normal(0, 1.5, (60, 2)), "cloud_weights": np.full(60, 1 / 60),
     }  # fmt: skip
     return Frame(**{**settings, **changes})
 
 
-def picture(frame, size=(480, 400), layers=None, history=None, follow=False):
+def picture(frame, size=(480, 400), layers=None, history=None, follow=None, split=False):
     renderer = Renderer(size=size)
     renderer.layers = layers or Layers()
-    renderer.follow = follow
+    renderer.follow, renderer.split = follow, split
     return renderer.draw(frame, history)
 
 
@@ -84,7 +86,7 @@ def test_impossible_renderers_are_refused(arguments, message):
         Renderer(**arguments)
 
 
-@pytest.mark.parametrize("layer", ["truth", "belief", "ellipses", "trails", "view", "scan", "particles"])
+@pytest.mark.parametrize("layer", ["truth", "belief", "ellipses", "trails", "view", "scan", "particles", "cloud"])
 def test_each_layer_draws_something(layer):
     history = History()
     for step in range(20):
@@ -109,17 +111,41 @@ def test_hidden_truth_leaves_no_pixel_that_depends_on_it():
     {"returns": np.zeros((0, 2)), "sources": np.zeros(0, dtype=np.int64)},
     {"particles": None, "pose_nees": math.inf, "robot_error": math.inf},
     {"belief_pose_cov": np.zeros((3, 3)), "pose_nees": math.nan},
+    {"cloud": None, "cloud_weights": None, "reward": math.nan, "belief_target_heading_std": math.nan},
     {"belief_target_cov": 1e12 * np.eye(2), "belief_target": np.array([1e9, -1e9])},
 ])  # fmt: skip
 def test_nothing_that_may_be_missing_or_absurd_stops_the_picture(changes):
     assert picture(make_frame(**changes), (800, 600)).shape == (600, 800, 3)
 
 
+def test_side_by_side_the_left_half_is_truth_alone_and_the_right_half_belief_alone():
+    frame, believed_elsewhere = make_frame(), make_frame(belief_pose=np.array([3.0, -3.0, 0.0]))
+    truth_elsewhere = make_frame(landmarks=LANDMARKS - 0.7)
+    size = (480, 300)  # without panel and strip: the map is the whole picture
+    one, other, third = (picture(f, size, split=True) for f in (frame, believed_elsewhere, truth_elsewhere))
+    left, right = slice(0, 240), slice(240, 480)
+    np.testing.assert_array_equal(one[:, left], other[:, left])
+    assert (one[:, right] != other[:, right]).any()
+    np.testing.assert_array_equal(one[:, right], third[:, right])
+    assert (one[:, left] != third[:, left]).any()
+
+
+def test_the_strip_shows_the_reward():
+    good, bad = History(), History()
+    for step in range(20):
+        good.record(make_frame(step, reward=0.9))
+        bad.record(make_frame(step, reward=-2.5))
+    frame = make_frame(20)
+    changed = (picture(frame, (800, 600), history=good) != picture(frame, (800, 600), history=bad)).any(axis=2)
+    assert changed.any()
+    assert not changed[:480].any()  # nothing but the strip
+
+
 def test_following_keeps_the_robot_in_the_middle():
     """The robot's dark symbol stands in the middle of the map wherever it drives."""
     for x in (-4.0, 30.0):
         frame = make_frame(pose=np.array([x, 2.0, 0.0]), belief_pose=np.array([x, 2.0, 0.0]))
-        image = picture(frame, (300, 300), layers=Layers(belief=False), follow=True)
+        image = picture(frame, (300, 300), layers=Layers(belief=False), follow="robot")
         assert image[150, 150].max() < 90
 
 

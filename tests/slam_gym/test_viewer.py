@@ -1,5 +1,6 @@
 """The live view, driven by events and by hand-fed time, without a screen."""
 
+import imageio_ffmpeg
 import pygame
 import pytest
 
@@ -80,9 +81,33 @@ def test_letters_toggle_layers(viewer, character, layer):
     assert getattr(viewer.renderer.layers, layer)
 
 
-def test_f_follows(viewer):
-    type_(viewer, "f")
-    assert viewer.renderer.follow
+def test_f_follows_the_robot_then_the_target_then_nobody(viewer):
+    seen = []
+    for _ in range(3):
+        type_(viewer, "f")
+        seen.append(viewer.renderer.follow)
+    assert seen == ["robot", "target", None]
+
+
+def test_d_divides_truth_and_belief(viewer):
+    viewer.tick(0.0)
+    together = viewer.renderer.pixels()
+    type_(viewer, "d")
+    viewer.tick(0.0)
+    assert (together != viewer.renderer.pixels()).any()
+
+
+def test_m_records_a_video_at_the_pace_of_the_clock(viewer, tmp_path):
+    type_(viewer, "m")
+    viewer.tick(0.0)
+    assert "recording" in viewer.renderer.note
+    for _ in range(6):
+        viewer.tick(0.1)
+    type_(viewer, "m")
+    (file,) = tmp_path.glob("*.mp4")
+    frames, size = imageio_ffmpeg.count_frames_and_secs(str(file))[0], viewer.renderer.size
+    assert abs(frames - 18) <= 1  # 0.6 s at 30 pictures a second
+    assert size == (560, 420)
 
 
 def test_arrow_keys_take_over_and_p_gives_back(viewer):
@@ -145,7 +170,7 @@ def test_it_can_be_left(viewer, event):
 def test_the_keys_are_on_the_screen(viewer):
     assert viewer.renderer.keys is KEYS
     named = " ".join(key for key, _ in KEYS).split()
-    assert {"space", "n", "+", "tab", "t", "e", "f", "arrows", "p", "s", "q"} <= set(named)
+    assert {"space", "n", "+", "tab", "t", "e", "f", "d", "l", "arrows", "p", "s", "m", "q"} <= set(named)
 
 
 def test_no_display_is_said_at_once(monkeypatch):
