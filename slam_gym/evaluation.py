@@ -61,6 +61,7 @@ def compare(
     estimator_options: Mapping[str, Mapping[str, Any]] | None = None,
     noise_inflation: float | None = None,
     tracks: int = 1,
+    score_map: bool = True,
     out: str | Path | None = None,
     resume: bool = False,
     shard: tuple[int, int] = (1, 1),
@@ -91,6 +92,7 @@ def compare(
         estimator_options: options by estimator name.
         noise_inflation: factor on the measurement covariance that the filters assume ("filter.noise_inflation").
         tracks: first runs whose trajectories are kept.
+        score_map: whether landmarks are scored; without them a comparison is much quicker, most of all of particles.
         out: folder for the results; None: nothing stays on disk.
         resume: go on in `out`; settings must be the same, `runs` may have grown.
         shard: (i, n): only every n-th run, from the i-th; `merge` puts the n folders together.
@@ -119,7 +121,7 @@ def compare(
     plan = make_plan(
         [scenarios] if isinstance(scenarios, (str, Path, Scenario)) else scenarios, estimators, policies,
         seed=seed, mode=mode, driver=driver, steps=steps, burn_in=burn_in, tracks=tracks, overrides=settings,
-        estimator_options=estimator_options or {}, sweep=sweep,
+        estimator_options=estimator_options or {}, sweep=sweep, score_map=score_map,
     )  # fmt: skip
     folder = Path(tempfile.mkdtemp(prefix="slam-gym-")) if out is None else Path(out)
     try:

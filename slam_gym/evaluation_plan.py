@@ -46,6 +46,7 @@ class Plan:
     seed: int
     mode: Mode
     tracks: int  # first runs that are recorded in full
+    score_map: bool = True
 
     def to_dict(self) -> dict[str, Any]:
         """JSON types; equal dictionaries mean equal numbers."""
@@ -53,6 +54,7 @@ class Plan:
             "seed": self.seed,
             "mode": self.mode,
             "tracks": self.tracks,
+            **({} if self.score_map else {"score_map": False}),
             "combinations": [
                 {
                     "scenario": c.scenario.to_dict(),
@@ -76,7 +78,9 @@ def plan_from_dict(settings: Mapping[str, Any]) -> Plan:
         driver = labels.index(item["driver"]) if item["driver"] is not None else 0
         scenario, policy = Scenario.load(item["scenario"]), Spec(**item["policy"])
         combinations.append(Combination(scenario, policy, specs, driver, item["burn_in"], item["weights"]))
-    return Plan(tuple(combinations), settings["seed"], settings["mode"], settings["tracks"])
+    return Plan(
+        tuple(combinations), settings["seed"], settings["mode"], settings["tracks"], settings.get("score_map", True)
+    )
 
 
 def make_plan(
@@ -90,6 +94,7 @@ def make_plan(
     steps: int | None,
     burn_in: int | None,
     tracks: int,
+    score_map: bool = True,
     overrides: Mapping[str, Any],
     estimator_options: Mapping[str, Mapping[str, Any]],
     sweep: Mapping[str, Sequence[Any]] | None = None,
@@ -119,7 +124,7 @@ def make_plan(
         for policy in _policies(scenario, chosen_policies):
             weights = _try(scenario, policy, specs)
             combinations.append(Combination(scenario, policy, specs, lead, unscored, weights))
-    return Plan(tuple(combinations), int(seed), mode, int(tracks))  # type: ignore[arg-type]
+    return Plan(tuple(combinations), int(seed), mode, int(tracks), score_map)  # type: ignore[arg-type]
 
 
 def sweep_scenario(scenario: Scenario, sweep: Mapping[str, Sequence[Any]]) -> list[Scenario]:

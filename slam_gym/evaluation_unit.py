@@ -37,7 +37,7 @@ def run_unit(plan: Plan, unit: Unit) -> Unit:
     """Simulate a unit's runs and keep the records; called in worker processes."""
     combination = plan.combinations[unit.combination]
     warm_up(combination, combination.estimators)
-    records = simulate(combination, plan.seed, unit.runs, mode=plan.mode, tracks=plan.tracks)
+    records = simulate(combination, plan.seed, unit.runs, mode=plan.mode, tracks=plan.tracks, score_map=plan.score_map)
     arrays: dict[str, Any] = {name: a for e, part in enumerate(records) for name, a in part.to_arrays(str(e)).items()}
     write_atomic(unit.path, partial(np.savez, **arrays))
     return unit
@@ -57,7 +57,13 @@ def _warm_key(combination: Combination, spec: Spec) -> str:
 
 
 def simulate(
-    combination: Combination, seed: int, runs: Sequence[int], *, mode: Mode = "shared", tracks: int = 0
+    combination: Combination,
+    seed: int,
+    runs: Sequence[int],
+    *,
+    mode: Mode = "shared",
+    tracks: int = 0,
+    score_map: bool = True,
 ) -> list[Records]:
     """Run every estimator on the same worlds.
 
@@ -68,13 +74,14 @@ def simulate(
         mode: one policy drives on the driver's belief and all estimators process the same data, or each estimator
             drives a policy of its own.
         tracks: runs with an index below this are recorded in full.
+        score_map: whether landmarks are scored.
 
     Returns:
         One `Records` per estimator, in order.
     """
     if mode == "shared":
-        return _Episodes(combination, combination.estimators, combination.driver, seed, runs, tracks).run()
-    each = [_Episodes(combination, (spec,), 0, seed, runs, tracks) for spec in combination.estimators]
+        return _Episodes(combination, combination.estimators, combination.driver, seed, runs, tracks, score_map).run()
+    each = [_Episodes(combination, (spec,), 0, seed, runs, tracks, score_map) for spec in combination.estimators]
     return [episodes.run()[0] for episodes in each]
 
 
@@ -89,9 +96,10 @@ class _Episodes:
         seed: int,
         runs: Sequence[int],
         tracks: int,
+        score_map: bool = True,
     ) -> None:
         scenario, lanes = combination.scenario, len(runs)
-        self.scenario, self.driver = scenario, driver
+        self.scenario, self.driver, self.score_map = scenario, driver, score_map
         self.run_index = np.asarray(runs, dtype=np.int64)
         self.seeds = run_seeds(seed, WORLD_SEEDS, runs)
         specs = [(spec.name, spec.options) for spec in estimators]
@@ -145,7 +153,7 @@ class _Episodes:
         if world.has_target:
             self.age[going, step] = world.time_since_seen[going]
         for e in range(len(self.values)):
-            record = self.simulation.measure(e)
+            record = self.simulation.measure(e, score_map=self.score_map)
             values = record.view(np.float64).reshape(len(record), -1)[going]
             # An estimate that is no number is infinitely wrong: counted, never dropped.
             values[np.isnan(values[:, 0]), 0] = np.inf

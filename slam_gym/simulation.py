@@ -194,14 +194,14 @@ class Simulation:
         if isinstance(estimator, TruthAware):
             estimator.set_truth(self.world.pose, self.world.target, self.world.landmarks)
 
-    def measure(self, index: int = 0, lanes: Ints | None = None) -> NDArray[np.void]:
-        """[L] records of `METRIC`: the belief of one estimator against the truth, now."""
+    def measure(self, index: int = 0, lanes: Ints | None = None, *, score_map: bool = True) -> NDArray[np.void]:
+        """[L] records of `METRIC`: the belief of one estimator against the truth, now; landmarks only if asked."""
         world = self.world
         return self.meters[index].measure(
             self.estimators[index].belief,
             world.pose,
             world.target if world.has_target else None,
-            world.landmarks,
+            world.landmarks if score_map else None,
             world.landmark_count,
             world.labelled,
             target_heading=world.target_heading,

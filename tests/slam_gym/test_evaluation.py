@@ -152,6 +152,13 @@ def test_first_steps_can_be_left_unscored(whole):
     assert late.summary["robot_error_mean"].iloc[0] == pytest.approx(expected)
 
 
+def test_landmarks_can_be_left_unscored(whole):
+    without = small(score_map=False)
+    assert without.summary["landmark_error_rmse"].isna().all()
+    for name in ("robot_error_rmse", "pose_nees_mean", "target_nees_mean"):
+        np.testing.assert_array_equal(without.runs[name], whole.runs[name])
+
+
 def test_two_policies_and_scenarios_make_four_combinations():
     found = compare(["default", "open"], ["ekf"], ["pursuit", "stationary"], **{**SMALL, "runs": 2, "steps": 5})
     assert len(found.summary) == 4
