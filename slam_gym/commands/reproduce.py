@@ -34,6 +34,8 @@ class Reproduce:
     """Folder with webmap_landmarks.csv and webmap_waypoints.csv, the map of Tian et al. 2010; none: a generated one."""
     mrclam: Path | None = None
     """Folder of an MRCLAM data set, for slamto-robots."""
+    batches: int | None = None
+    """Batches of 45 runs of the CDKF's loops instead of 10: most of the time goes there."""
     jobs: int | None = None
     """Processes; default: one per CPU. Changes no number but times."""
     out: Path | None = None
@@ -75,7 +77,8 @@ class Reproduce:
             names = catalogue.names() if self.names == ("all",) else list(dict.fromkeys(self.names))
             check_folders(self.webmap, self.mrclam)
             with progress_bar() as progress:
-                study = Study(out, quick=self.quick, jobs=self.jobs, webmap=self.webmap, mrclam=self.mrclam,
+                study = Study(out, quick=self.quick, batches=self.batches, jobs=self.jobs, webmap=self.webmap,
+                              mrclam=self.mrclam,
                               progress=progress)  # fmt: skip
                 run_all(names, study, resume=self.resume, report=lambda result: print_result(console, result))
             console.print(f"Report: {write_page(out, shlex.join(['slam-gym', *sys.argv[1:]]))}", soft_wrap=True)
@@ -90,7 +93,7 @@ def check_folders(webmap: Path | None, mrclam: Path | None) -> None:
     Raises:
         FileNotFoundError: they are not.
     """
-    from slam_gym.reproduce.cdkf_loop import LANDMARKS_FILE, WAYPOINTS_FILE
+    from slam_gym.reproduce.cdkf_batches import LANDMARKS_FILE, WAYPOINTS_FILE
 
     missing = [
         name for name in (LANDMARKS_FILE, WAYPOINTS_FILE) if webmap is not None and not (webmap / name).is_file()

@@ -4,7 +4,8 @@ from pathlib import Path
 
 import numpy as np
 
-from slam_gym.reproduce.cdkf_loop import loop, measure_batches, outcome
+from slam_gym.reproduce.cdkf_batches import loop, measure_batches
+from slam_gym.reproduce.cdkf_loop import outcome
 from slam_gym.reproduce.experiment import Choice, Experiment, Outcome
 from slam_gym.reproduce.study import Study
 from slam_gym.results import write_atomic
@@ -26,7 +27,7 @@ def run(study: Study) -> Outcome:
         "map", "135 landmarks uniform over 250 x 200 m about the route, another map for each batch",
         "the paper shows its map only as a picture; the share in the region depends on the map",
     )  # fmt: skip
-    return outcome(study, batches, scenario_of(0), SHARES, choice)
+    return outcome(batches, scenario_of(0), SHARES, choice)
 
 
 def draw_map(scenario: Scenario, seed: int, path: Path) -> Path:

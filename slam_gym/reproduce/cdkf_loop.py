@@ -1,102 +1,18 @@
-"""The loop of Tian et al. 2010: batches of runs past few or many landmarks, and what its figures show of them."""
-
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass
-from pathlib import Path
-from typing import Any
+"""What the loop of Tian et al. 2010 shows: claims, table and figures, the same for few landmarks and for many."""
 
 import numpy as np
-from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from slam_gym import policies
-from slam_gym.consistency import in95_mean
-from slam_gym.palette import GREY, styles
-from slam_gym.plots import new_figure
+from slam_gym.reproduce.cdkf_batches import CDKF, EKF, FASTSLAM, Batch
+from slam_gym.reproduce.cdkf_figures import mmse_by_run, nees_by_step, step_times, time_by_step
 from slam_gym.reproduce.experiment import Choice, Drawing, Grid, Outcome
-from slam_gym.reproduce.figures import POSE_DOF, nees_panels
-from slam_gym.reproduce.study import UNSCORED, Study, available
 from slam_gym.reproduce.verdict import Claim, faster, printed, smaller, with_interval
 from slam_gym.scenario import Scenario
-from slam_gym.simulation import Simulation
-from slam_gym.specs import Spec
 
 Floats = NDArray[np.float64]
 
-CDKF, FASTSLAM, EKF = "cdkf:budget=10", "fastslam2:particles=10", "ekf"
-BESIDE = ("ideal-ekf", "fej-ekf", "ri-ekf", "ri-cdkf:budget=10", "oc-ekf")
-PAPER_RUNS = 45
-BATCHES, QUICK_BATCHES, QUICK_RUNS = 10, 2, 4
-LANDMARKS_FILE, WAYPOINTS_FILE = "webmap_landmarks.csv", "webmap_waypoints.csv"
-TIMED_RUNS, TIME_WINDOWS = 3, 100
 
-
-@dataclass(frozen=True, slots=True)
-class Batch:
-    """One repetition of the paper's 45 runs; everything by estimator's label.
-
-    Attributes:
-        mse: [R] mean over the run of the squared position error [m^2].
-        nees: [R] mean pose NEES of each run.
-        median: of the pose NEES over runs and steps.
-        mean_nees: [T] mean over runs.
-        share: of the steps at which that mean lies in its 95 % region, Eq. (44).
-        microseconds: filter time per control step.
-    """
-
-    time: Floats
-    mse: dict[str, Floats]
-    nees: dict[str, Floats]
-    median: dict[str, float]
-    mean_nees: dict[str, Floats]
-    share: dict[str, float]
-    microseconds: dict[str, float]
-
-
-def loop(study: Study, preset: str, landmarks: Path | None = None) -> Scenario:
-    """The preset along the published route where it is given; landmarks: a CSV file in place of the preset's."""
-    scenario = Scenario.load(preset)
-    if study.webmap is not None:
-        route = {"file": str(study.webmap / WAYPOINTS_FILE), "follow": "commands"}
-        scenario = scenario.replace("policy.options", route)
-    if landmarks is not None:
-        scenario = Scenario.load(scenario, **{"landmarks.layout": "file", "landmarks.file": str(landmarks)})
-    return scenario
-
-
-def published_landmarks(study: Study) -> Path | None:
-    """The published map's file, if the user has it."""
-    return None if study.webmap is None else study.webmap / LANDMARKS_FILE
-
-
-def measure_batches(study: Study, scenario_of: Callable[[int], Scenario]) -> list[Batch]:
-    """The paper's experiment as often as the size allows, each batch with noise of its own."""
-    runs = study.size(PAPER_RUNS, QUICK_RUNS)
-    number = study.size(BATCHES, QUICK_BATCHES)
-    batches = []
-    for b in range(number):
-        sample = study.measure(
-            f"batch {b + 1} of {number}", scenario_of(b), [CDKF, FASTSLAM, EKF, *available(*BESIDE)], runs=runs, seed=b,
-            fields=("robot_error", "pose_nees"),
-        )  # fmt: skip
-        labels, nees = sample.labels, {k: v["pose_nees"][:, UNSCORED:] for k, v in sample.values.items()}
-        batches.append(
-            Batch(
-                time=sample.time,
-                mse={k: np.square(sample.values[k]["robot_error"]).mean(axis=1) for k in labels},
-                nees={k: nees[k].mean(axis=1) for k in labels},
-                median={k: float(np.median(nees[k])) for k in labels},
-                mean_nees={k: sample.over_time(k, "pose_nees") for k in labels},
-                share={k: in95_mean(nees[k], POSE_DOF, batch=runs)[0] for k in labels},
-                microseconds={k: sample.microseconds(k) for k in labels},
-            )
-        )
-    return batches
-
-
-def outcome(
-    study: Study, batches: list[Batch], scenario: Scenario, shares: tuple[str, str], map_choice: Choice
-) -> Outcome:
+def outcome(batches: list[Batch], scenario: Scenario, shares: tuple[str, str], map_choice: Choice) -> Outcome:
     """Claims, table and figures. shares: Table 1's per cent of the CDKF and of FastSLAM 2."""
     runs = len(batches[0].mse[CDKF])
     return Outcome(
@@ -104,9 +20,11 @@ def outcome(
         choices=[map_choice, *_choices()],
         grids=[_table(batches)],
         drawings=[
-            Drawing("mmse", f"MMSE of each run of the first batch of {runs}", _mmse(batches[0])),
-            Drawing("time", "Filter time along the loop, one robot", _time(_times(scenario, study))),
-            Drawing("nees", f"NEES of the pose, mean over the first batch of {runs} runs", _nees(batches[0], runs)),
+            Drawing("mmse", f"MMSE of each run of the first batch of {runs}", mmse_by_run(batches[0])),
+            Drawing("time", "Filter time along the loop, one robot", time_by_step(step_times(scenario))),
+            Drawing(
+                "nees", f"NEES of the pose, mean over the first batch of {runs} runs", nees_by_step(batches[0], runs)
+            ),
         ],
         remarks=_remarks(batches),
     )
@@ -186,69 +104,3 @@ def _choices() -> list[Choice]:
         Choice("repetitions", "batches of the paper's 45 runs, each with noise of its own", "so that the spread of the "
                "paper's single batch is known: Table 1 is put against the spread of a batch"),
     ]  # fmt: skip
-
-
-def _mmse(batch: Batch) -> Figure:
-    figure, axis = new_figure(9.0, 3.6)
-    for label, (colour, dash) in styles((CDKF, FASTSLAM, EKF)).items():
-        axis.plot(1 + np.arange(len(batch.mse[label])), batch.mse[label], color=colour, linestyle=dash, marker="o",
-                  markersize=3, linewidth=1.1, label=label)  # fmt: skip
-    axis.set_xlabel("run")
-    axis.set_ylabel("MMSE [m^2]")
-    axis.legend(frameon=False, fontsize=9)
-    return figure
-
-
-def _nees(batch: Batch, runs: int) -> Figure:
-    beside = {label: line for label, line in batch.mean_nees.items() if label not in (CDKF, FASTSLAM)}
-    panels: list[tuple[str, Mapping[str, Floats]]] = [
-        ("(a) CDKF", {CDKF: batch.mean_nees[CDKF]}),
-        ("(b) FastSLAM 2.0, 10 particles", {FASTSLAM: batch.mean_nees[FASTSLAM]}),
-        ("beside them", beside),
-    ]
-    steps = np.arange(UNSCORED, len(batch.time), dtype=np.float64)
-    cut = [(title, {k: v[UNSCORED:] for k, v in lines.items()}) for title, lines in panels]
-    return nees_panels(steps, cut, runs, "control step")
-
-
-def _times(scenario: Scenario, study: Study) -> dict[str, Floats]:
-    """[T] seconds that each control step took a single robot's filter: the least of a few repetitions."""
-    best: dict[str, Floats] = {}
-    for repetition in range(TIMED_RUNS):
-        study.progress("timing", repetition, TIMED_RUNS)
-        for label, seconds in _drive(scenario).items():
-            best[label] = np.minimum(best[label], seconds) if label in best else seconds
-    return best
-
-
-def _drive(scenario: Scenario) -> dict[str, Floats]:
-    specs = [Spec.parse(label) for label in (CDKF, FASTSLAM)]
-    simulation = Simulation(scenario, [(s.name, s.options) for s in specs], num_lanes=1, timed=True)
-    simulation.reset([0])
-    context = policies.PolicyContext.from_scenario(scenario)
-    chosen: Any = scenario.policy
-    policy = policies.make(chosen.name, context, 1, **chosen.options)
-    policy.reset(np.zeros(1, dtype=np.int64), np.zeros(1, dtype=np.int64))
-    spent = []
-    for _ in range(scenario.max_steps):
-        command = context.action_map.to_command(policy.act(None, simulation.estimators[0].belief))
-        if policy.finished[0]:
-            break
-        simulation.advance(command)
-        spent.append(simulation.predict_seconds + simulation.update_seconds)
-    each = np.diff(np.array(spent), axis=0, prepend=0.0)
-    return {spec.label: each[:, e] for e, spec in enumerate(specs)}
-
-
-def _time(seconds: dict[str, Floats]) -> Figure:
-    figure, axis = new_figure(9.0, 3.4)
-    for label, (colour, dash) in styles(seconds).items():
-        parts = np.array_split(1e6 * seconds[label][1:], TIME_WINDOWS)  # the first step loads the kernels
-        steps = np.cumsum([len(part) for part in parts])
-        axis.plot(steps, [part.mean() for part in parts], color=colour, linestyle=dash, linewidth=1.3, label=label)
-    axis.set_ylim(bottom=0.0)
-    axis.set_xlabel("control step")
-    axis.set_ylabel("time per step [us]")
-    axis.set_title(f"means of {TIME_WINDOWS} stretches", fontsize=9, color=GREY)
-    axis.legend(frameon=False, fontsize=9)
-    return figure

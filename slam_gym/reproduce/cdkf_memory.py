@@ -7,8 +7,9 @@ from matplotlib.figure import Figure
 
 from slam_gym.palette import styles
 from slam_gym.plots import new_figure
+from slam_gym.reproduce.cdkf_batches import CDKF, EKF, FASTSLAM, loop
 from slam_gym.reproduce.cdkf_dense import draw_map
-from slam_gym.reproduce.cdkf_loop import CDKF, EKF, FASTSLAM, loop
+from slam_gym.reproduce.driving import drive
 from slam_gym.reproduce.experiment import Choice, Drawing, Experiment, Grid, Outcome, as_texts
 from slam_gym.reproduce.study import Study
 from slam_gym.reproduce.verdict import fact
@@ -69,14 +70,9 @@ def bytes_after_loop(study: Study, count: int) -> tuple[dict[str, float], int]:
 
 def most_kept(scenario: Scenario) -> int:
     """Drive the loop once on the CDKF and watch its map; a sweep that shows more than the budget keeps all of it."""
-    from slam_gym.episode import Episode
-
-    episode = Episode(scenario, [CDKF], seed=0)
-    most = 0
-    while not episode.finished:
-        episode.step()
-        most = max(most, int(episode.simulation.estimators[0].belief.landmark_count[0]))
-    return most
+    spec = Spec.parse(CDKF)
+    steps = drive(scenario, [(spec.name, spec.options)], 0)
+    return max(int(simulation.estimators[0].belief.landmark_count[0]) for simulation in steps)
 
 
 def state_bytes(scenario: Scenario, label: str, capacity: int) -> float:

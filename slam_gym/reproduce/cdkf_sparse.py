@@ -1,6 +1,7 @@
 """Tian et al. 2010, Figures 3, 4 and 7 and the left half of Table 1: a loop past 35 landmarks."""
 
-from slam_gym.reproduce.cdkf_loop import loop, measure_batches, outcome, published_landmarks
+from slam_gym.reproduce.cdkf_batches import loop, measure_batches, published_landmarks
+from slam_gym.reproduce.cdkf_loop import outcome
 from slam_gym.reproduce.experiment import Choice, Experiment, Outcome
 from slam_gym.reproduce.study import Study
 
@@ -15,7 +16,7 @@ def run(study: Study) -> Outcome:
         "the published map does not come with slam-gym; name its folder with --webmap"
     )  # fmt: skip
     batches = measure_batches(study, lambda _: scenario)
-    return outcome(study, batches, scenario, SHARES, Choice("map", taken, why))
+    return outcome(batches, scenario, SHARES, Choice("map", taken, why))
 
 
 EXPERIMENT = Experiment(

@@ -22,7 +22,6 @@ Every outcome is computed. A printed number holds if it lies in the 95 % predict
 many runs as the paper made; an order holds if the 95 % interval of the paired difference lies on its side of zero. An
 experiment "reproduces" if all its claims hold, "in part" if some do. "[a, b]" are 95 % intervals over runs.
 """
-COMMAND = "slam-gym reproduce all --webmap PATH --mrclam PATH"
 
 
 def kept_results() -> dict[str, Any]:
@@ -34,7 +33,8 @@ def kept_results() -> dict[str, Any]:
 def markdown(results: dict[str, Any]) -> str:
     """The whole file."""
     experiments = results["experiments"]
-    parts = [HEAD.format(file=FILE, results=RESULTS, command=COMMAND, headline=headline(experiments).capitalize())]
+    command = _command(experiments[0]["settings"]) if experiments else "slam-gym reproduce all"
+    parts = [HEAD.format(file=FILE, results=RESULTS, command=command, headline=headline(experiments))]
     parts.append(
         _table(
             ("experiment", "of the paper", "verdict"),
@@ -47,6 +47,15 @@ def markdown(results: dict[str, Any]) -> str:
             parts.append(f"## {citation}\n")
             parts += [_experiment(result) for result in own]
     return "\n".join(parts)  # fmt: skip
+
+
+def _command(settings: dict[str, Any]) -> str:
+    """What was typed, without the user's paths."""
+    words = ["slam-gym reproduce all"]
+    words += [f"--{name} PATH" for name in ("webmap", "mrclam") if settings[name]]
+    words += ["--quick"] if settings["quick"] else []
+    words += [f"--batches {settings['batches']}"] if settings["batches"] else []
+    return " ".join(words)
 
 
 def _experiment(result: dict[str, Any]) -> str:

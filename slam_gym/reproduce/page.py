@@ -6,7 +6,7 @@ from typing import Any
 from slam_gym.report import Cell, Column, Section, Table, embedded, render_page
 from slam_gym.reproduce.experiment import PAPERS
 from slam_gym.reproduce.runner import load
-from slam_gym.reproduce.verdict import FAILS, NOT, TIE
+from slam_gym.reproduce.verdict import FAILS, IN_PART, NOT, NOT_RUN, REPRODUCES, TIE
 
 CLAIMS = ("statement", "paper", "ours", "outcome", "basis")
 CLAIM_TITLES = ("claim", "paper", "ours", "outcome", "how decided")
@@ -39,7 +39,8 @@ def write_page(folder: Path, command: str) -> Path:
 def headline(results: list[dict[str, Any]]) -> str:
     """How many got which verdict."""
     verdicts = [result["verdict"] for result in results]
-    return "; ".join(f"{verdicts.count(kind)} {kind}" for kind in dict.fromkeys(verdicts)) + "."
+    counted = [f"{kind}: {verdicts.count(kind)}" for kind in (REPRODUCES, IN_PART, NOT, NOT_RUN) if kind in verdicts]
+    return f"Of {len(results)} experiments, {', '.join(counted)}."
 
 
 def _overview(results: list[dict[str, Any]]) -> Section:

@@ -7,9 +7,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from slam_gym import policies
+from slam_gym.reproduce.driving import clock, drive, seconds_per_step
 from slam_gym.reproduce.rbpf_world import ring
-from slam_gym.simulation import Simulation
 
 Floats = NDArray[np.float64]
 
@@ -45,22 +44,14 @@ class Round:
 
 def drive_round(landmarks: int, particles: int, seed: int, stores: Sequence[str] = tuple(STORES)) -> Round:
     """Let `FILTER` go once round a ring, with each storage on the same data and the same draws."""
-    scenario = ring(landmarks)
     specs = [(FILTER, {"particles": particles, "map_storage": storage}) for storage in stores]
-    simulation = Simulation(scenario, specs, num_lanes=1, timed=True)
-    simulation.reset([seed])
-    context = policies.PolicyContext.from_scenario(scenario)
-    policy: Any = policies.make(scenario.policy.name, context, 1, **scenario.policy.options)
-    policy.reset(np.zeros(1, dtype=np.int64), np.array([seed]))
-    command = context.action_map.to_command(policy.act(None, simulation.estimators[0].belief))
     mapped, spent, size = [], [], []
-    for _ in range(scenario.max_steps):
-        simulation.advance(command)
+    for simulation in drive(ring(landmarks), specs, seed):
         estimators: list[Any] = simulation.estimators
         mapped.append(float(estimators[0].belief.landmark_count[0]))
-        spent.append(simulation.predict_seconds + simulation.update_seconds)
+        spent.append(clock(simulation))
         size.append([float(estimator.map_bytes()[0]) for estimator in estimators])
-    seconds, sizes = np.diff(np.array(spent), axis=0, prepend=0.0), np.array(size)
+    seconds, sizes = seconds_per_step(spent), np.array(size)
     return Round(
         np.array(mapped),
         {storage: seconds[:, e] for e, storage in enumerate(stores)},

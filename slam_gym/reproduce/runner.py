@@ -75,7 +75,8 @@ def run_one(experiment: Experiment, study: Study) -> dict[str, Any]:
     """One experiment's result, found or made."""
     path = study.folder / RESULT
     settings = {
-        "quick": study.quick, "most_runs": study.most_runs, "webmap": study.webmap is not None,
+        "quick": study.quick, "most_runs": study.most_runs, "batches": study.batches,
+        "webmap": study.webmap is not None,
         "mrclam": study.mrclam is not None,
     }  # fmt: skip
     if path.is_file():

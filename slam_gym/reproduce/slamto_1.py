@@ -7,21 +7,22 @@ from slam_gym.consistency import in95_run
 from slam_gym.palette import GREY, styles
 from slam_gym.plots import new_figure, trajectories
 from slam_gym.reproduce.experiment import Choice, Drawing, Experiment, Grid, Outcome
-from slam_gym.reproduce.slamto_world import PAPER_RUNS, QUICK_RUNS, ROBOT, RUNS, SLAMTO, TARGET, Floats, choices, world
+from slam_gym.reproduce.slamto_world import PAPER_RUNS, QUICK_RUNS, ROBOT, SLAMTO, TARGET, Floats, choices, world
 from slam_gym.reproduce.study import UNSCORED, Sample, Study, available
 from slam_gym.reproduce.verdict import Claim, printed, smaller, with_interval
 from slam_gym.stats import row_mean
 
 BESIDE = ("slamto:particles=1000", "fastslam2:particles=20", "fastslam2:particles=200", "unscented-fastslam", "ekf",
           "ri-ekf", "dead-reckoning")  # fmt: skip
+MORE_RUNS = 400
 ROBOT_ERROR, TARGET_ERROR = ("0.0393", "0.0136"), ("0.0639", "0.0104")  # mean and standard deviation
 EARLY_ERROR, LATE_ERROR = "0.0736", "0.0542"
 
 
 def run(study: Study) -> Outcome:
-    """400 runs of the paper's first experiment."""
+    """Runs of the paper's first experiment."""
     sample = study.measure(
-        "experiment 1", world(), [SLAMTO, *available(*BESIDE)], runs=study.size(RUNS, QUICK_RUNS), driver=SLAMTO,
+        "experiment 1", world(), [SLAMTO, *available(*BESIDE)], runs=study.size(MORE_RUNS, QUICK_RUNS), driver=SLAMTO,
         tracks=1,
     )  # fmt: skip
     early, late = halves(sample)

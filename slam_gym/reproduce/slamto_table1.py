@@ -6,12 +6,13 @@ from matplotlib.figure import Figure
 from slam_gym.palette import GREY, styles
 from slam_gym.plots import new_figure
 from slam_gym.reproduce.experiment import Drawing, Experiment, Grid, Outcome
-from slam_gym.reproduce.slamto_world import QUICK_RUNS, ROBOT, RUNS, TARGET, choices, world
+from slam_gym.reproduce.slamto_world import QUICK_RUNS, ROBOT, TARGET, choices, world
 from slam_gym.reproduce.study import Sample, Study
 from slam_gym.reproduce.verdict import Claim, printed, smaller, with_interval
 from slam_gym.specs import Spec
 
 PAPER_RUNS, PARTICLES, LANDMARKS = 100, 300, 100
+MORE_RUNS = 400  # the differences are small
 FEWER = (20, 3)  # landmarks; where joint estimation has more to give
 HEADING = "target_heading_error"
 JOINT = Spec.parse(f"slamto:particles={PARTICLES}")
@@ -26,7 +27,7 @@ WORDS = {ROBOT: ("robot position", "m"), HEADING: ("target heading", "rad"), TAR
 
 def run(study: Study) -> Outcome:
     """Joint and independent estimation on the same data, with as many landmarks as the paper, and with fewer."""
-    runs = study.size(RUNS, QUICK_RUNS)
+    runs = study.size(MORE_RUNS, QUICK_RUNS)
     estimators = [JOINT, APART, EKF, APART_EKF, ODOMETRY]
     samples = {
         count: study.measure(f"{count} landmarks", world(count), estimators, runs=runs, driver=JOINT.label)

@@ -25,7 +25,7 @@ from slam_gym.stats import column_mean, row_mean
 Floats = NDArray[np.float64]
 Progress = Callable[[str, int, int], None]
 
-ERRORS = ("robot_error", "target_error", "target_heading_error", "landmark_error", "pose_nees", "target_nees")
+ERRORS = ("robot_error", "target_error", "target_heading_error", "pose_nees", "target_nees")
 UNSCORED = 1  # first steps without a NEES: after one step from an exactly known start P has not its full rank
 
 
@@ -113,6 +113,7 @@ class Study:
         folder: its own; measurements are kept under `work/`.
         quick: only a look.
         most_runs: no measurement takes more runs than this.
+        batches: of the CDKF's loops; None: as many as the size says.
         jobs: processes; None: one per CPU.
         webmap: folder with the published map of Tian et al. 2010; None: the preset's own, generated one.
         mrclam: folder of an MRCLAM data set; None: not there.
@@ -122,6 +123,7 @@ class Study:
     folder: Path
     quick: bool = False
     most_runs: int = 1_000_000
+    batches: int | None = None
     jobs: int | None = None
     webmap: Path | None = None
     mrclam: Path | None = None
@@ -152,7 +154,7 @@ class Study:
             runs: likewise.
             seed: likewise.
             driver: likewise.
-            fields: of `METRIC`, kept for every run and step.
+            fields: of `METRIC`, kept for every run and step; without those of landmarks the map is not scored.
             tracks: see `compare`.
         """
         specs = [Spec.parse(estimator) for estimator in estimators]
@@ -164,6 +166,7 @@ class Study:
         scratch = path.with_suffix("")
         compare(
             [scenario], specs, runs=runs, seed=seed, driver=driver, tracks=tracks, out=scratch, resume=True,
+            score_map=any(name.startswith("landmark") for name in fields),
             jobs=self.jobs, progress=lambda _, done, total: self.progress(name, done, total),
         )  # fmt: skip
         sample = _read(scratch, [spec.label for spec in specs], runs, fields)

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from slam_gym.reproduce import catalogue
+from slam_gym.reproduce.cdkf_batches import CDKF, EKF, FASTSLAM
 from slam_gym.reproduce.cdkf_dense import draw_map
-from slam_gym.reproduce.cdkf_loop import CDKF, EKF, FASTSLAM
 from slam_gym.reproduce.cdkf_memory import numbers_stored
 from slam_gym.reproduce.experiment import PAPERS
 from slam_gym.reproduce.rbpf_maps import STORES, drive_round
