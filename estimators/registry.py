@@ -19,6 +19,8 @@ _BUILT_IN = {
     "ekf": "estimators.gaussian.ekf:EKF",
     "ideal-ekf": "estimators.gaussian.ideal:IdealEKF",
     "fej-ekf": "estimators.gaussian.fej:FEJEKF",
+    "oc-ekf": "estimators.gaussian.observability:OCEKF",
+    "robocentric-ekf": "estimators.gaussian.robocentric:RobocentricEKF",
     "ri-ekf": "estimators.gaussian.invariant:RIEKF",
     "cdkf": "estimators.gaussian.sigma_point:CDKF",
     "ukf": "estimators.gaussian.unscented:UKF",
@@ -30,6 +32,7 @@ _BUILT_IN = {
     "fastslam2": "estimators.particle.fastslam:FastSLAM2",
     "rbpf": "estimators.particle.improved_proposal:RBPF",
     "unscented-fastslam": "estimators.particle.unscented_fastslam:UnscentedFastSLAM",
+    "seif": "estimators.information.seif:SEIF",
     "isam2": "estimators.smoothing.isam2:ISAM2",
     "independent": "estimators.independent:Independent",
 }

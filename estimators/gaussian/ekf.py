@@ -101,22 +101,21 @@ def observe(mu, P, work, lane, n, rows, j, model, distance, bearing, limit):
 
 
 @inline
-def update_one(
-    lane, mu, P, model, n_t, count, ids, first, next_id, target_known, pending, counters, last_dt, ranges, bearings,
-    labels, num_returns, code, gates, slots, cost, work,
+def take_returns(
+    lane, mu, P, model, n_t, n_between, count, target_known, pending, counters, ranges, bearings, num_returns, gates,
+    slots, work,
 ):  # fmt: skip
-    """One lane's sweep: what is in the state first, one return after the other, then what is new."""
-    associate(
-        lane, mu, P, model, n_t, count, ids, target_known, counters, ranges, bearings, labels, num_returns, code, gates,
-        cost, slots,
-    )  # fmt: skip
-    n, rows = rows_in_use(n_t, count[lane]), 0
+    """The returns of one lane's sweep that belong to what is in the state, one after the other.
+
+    n_between: rows between the robot's and the landmarks', the target's n_t first.
+    """
+    n, rows = rows_in_use(n_between, count[lane]), 0
     for k in range(num_returns):
         slot = slots[lane, k]
         is_target = slot == TARGET_SLOT and target_known[lane]
         if slot < 0 and not is_target:
             continue
-        j = ROBOT if is_target else ROBOT + n_t + 2 * slot
+        j = ROBOT if is_target else ROBOT + n_between + 2 * slot
         limit = limit_of(gates[0], model, is_target)
         if rows == ROWS:
             settle(P, work, lane, n, rows)
@@ -131,6 +130,22 @@ def update_one(
     settle(P, work, lane, n, rows)
     if n_t > 0 and model.target_kind == TWIST:
         mu[lane, 5] = wrap(mu[lane, 5])
+
+
+@inline
+def update_one(
+    lane, mu, P, model, n_t, count, ids, first, next_id, target_known, pending, counters, last_dt, ranges, bearings,
+    labels, num_returns, code, gates, slots, cost, work,
+):  # fmt: skip
+    """One lane's sweep: what is in the state first, one return after the other, then what is new."""
+    associate(
+        lane, mu, P, model, n_t, count, ids, target_known, counters, ranges, bearings, labels, num_returns, code, gates,
+        cost, slots,
+    )  # fmt: skip
+    take_returns(
+        lane, mu, P, model, n_t, n_t, count, target_known, pending, counters, ranges, bearings, num_returns, gates,
+        slots, work,
+    )  # fmt: skip
     grow(
         lane, mu, P, model, n_t, count, ids, first, next_id, target_known, pending, counters, ranges, bearings, labels,
         num_returns, code != KNOWN, slots, mu[lane, 0], mu[lane, 1], mu[lane, ROBOT], mu[lane, ROBOT + 1],

@@ -139,15 +139,11 @@ def observe(mu, P, work, lane, n, rows, j, model, anchor, first_x, first_y, dist
 
 
 @inline
-def update_one(
-    lane, mu, P, model, n_t, count, ids, first, next_id, anchor, target_known, pending, counters, last_dt, ranges,
-    bearings, labels, num_returns, code, gates, slots, cost, work,
+def take_returns(
+    lane, mu, P, model, n_t, count, first, anchor, target_known, pending, counters, ranges, bearings, num_returns,
+    gates, slots, work,
 ):  # fmt: skip
-    """One lane's sweep: what is in the state first, one return after the other, then what is new."""
-    associate(
-        lane, mu, P, model, n_t, count, ids, target_known, counters, ranges, bearings, labels, num_returns, code, gates,
-        cost, slots,
-    )  # fmt: skip
+    """The returns of one lane's sweep that belong to what is in the state, one after the other."""
     n, rows = rows_in_use(n_t, count[lane]), 0
     for k in range(num_returns):
         slot = slots[lane, k]
@@ -174,11 +170,27 @@ def update_one(
             rows = 0
             note(outcome, nis, is_target, mu, P, lane, n, n_t, model, target_known, pending, counters)
     settle(P, work, lane, n, rows)
+    if n_t > 0 and model.target_kind == TWIST:
+        mu[lane, 5] = wrap(mu[lane, 5])
+
+
+@inline
+def update_one(
+    lane, mu, P, model, n_t, count, ids, first, next_id, anchor, target_known, pending, counters, last_dt, ranges,
+    bearings, labels, num_returns, code, gates, slots, cost, work,
+):  # fmt: skip
+    """One lane's sweep: what is in the state first, one return after the other, then what is new."""
+    associate(
+        lane, mu, P, model, n_t, count, ids, target_known, counters, ranges, bearings, labels, num_returns, code, gates,
+        cost, slots,
+    )  # fmt: skip
+    take_returns(
+        lane, mu, P, model, n_t, count, first, anchor, target_known, pending, counters, ranges, bearings, num_returns,
+        gates, slots, work,
+    )  # fmt: skip
     held, known, held_x, held_y = pending[lane, 0] > 0.0, target_known[lane], 0.0, 0.0
     if n_t > 0:
         held_x, held_y = anchor[lane, A_T], anchor[lane, A_T + 1]
-        if model.target_kind == TWIST:
-            mu[lane, 5] = wrap(mu[lane, 5])
     # The initialisation Jacobian is taken at p_{k|k-1} too, or some runs diverge under strong noise.
     grow(
         lane, mu, P, model, n_t, count, ids, first, next_id, target_known, pending, counters, ranges, bearings, labels,

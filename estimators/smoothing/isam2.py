@@ -54,7 +54,8 @@ class ISAM2(GaussianEstimator):
     strong that filters diverge.
 
     Known weakness: about a millisecond per sweep and another per reading of the map; both grow with the length of the
-    run. "nearest" and a finite `gate` need the whole covariance at each sweep.
+    run. Unlabelled returns and a finite `gate` need the whole covariance at each sweep; an unlabelled false alarm
+    stays in the map.
 
     Counted beside `GaussianEstimator`'s: "indeterminate", sweeps left out because no solution exists with them, and
     readings whose covariance could not be computed (the last one then stands).
@@ -74,7 +75,7 @@ class ISAM2(GaussianEstimator):
         *,
         num_lanes: int = 1,
         max_landmarks: int,
-        association: Literal["known", "nearest"] = "known",
+        association: Literal["known", "nearest", "jcbb"] = "known",
         gate: float = math.inf,
         match_gate: float = MATCH_GATE,
         new_gate: float = NEW_GATE,
@@ -94,10 +95,10 @@ class ISAM2(GaussianEstimator):
         self._make_graph = Graph
         self.iterations = int(iterations)
         self.threshold = float(relinearize_threshold)
-        self.gated = association == "nearest" or math.isfinite(gate)  # each return is held against the covariance
+        self.gated = association != "known" or math.isfinite(gate)  # each return is held against the covariance
         super().__init__(
             motion, sensor, target, num_lanes=num_lanes, max_landmarks=max_landmarks, association=association,
-            gate=gate, match_gate=match_gate, new_gate=new_gate,
+            gate=gate, match_gate=match_gate, new_gate=new_gate, remove_below=0.0,
         )  # fmt: skip
 
     def _allocate(self) -> None:
@@ -202,7 +203,7 @@ class ISAM2(GaussianEstimator):
             return
         self.moved[lane], self.spread[lane] = 0.0, 0.0
         for slot in range(before, int(self.count[lane])):
-            self.first[lane, slot] = graph.landmark(slot)
+            self.first[lane, slot, :2] = graph.landmark(slot)
         if what != UNSEEN or (hold and self.pending[lane, 0] == 1.0):  # else a longer chord is waited for
             self.drift[lane], self.drift_spread[lane], self.elapsed[lane] = 0.0, 0.0, 0.0
             self.held[lane] = (graph.node, target[0]) if hold else None

@@ -2,28 +2,13 @@
 
 import math
 
+from estimators.gaussian.gate import pass_gate
 from estimators.gaussian.growth import admits
-from estimators.gaussian.sweep import NOT_POSITIVE, UNLIKELY, associate, limit_of, note
-from estimators.kernels.association import DROPPED, NEAREST, NEW, TARGET_SLOT, predicted_fit
-from estimators.kernels.gaussian import ROBOT, rows_in_use
+from estimators.gaussian.sweep import NOT_POSITIVE, associate, limit_of
+from estimators.kernels.association import DROPPED, KNOWN, NEW, TARGET_SLOT
 from estimators.kernels.jit import inline, jit
 
 NEAREST_RANGE = 1e-3  # [m] below which a bearing says nothing that the solver could use
-
-
-@inline
-def pass_gate(lane, k, mu, P, model, n_t, count, target_known, pending, counters, distance, bearing, gate, slots):
-    """Drop a return of what is known, where it is too unlikely; a target that could not have caused it is forgotten."""
-    slot = slots[lane, k]
-    is_target = slot == TARGET_SLOT
-    j = ROBOT if is_target else ROBOT + n_t + 2 * slot
-    nis = predicted_fit(mu, P, model, lane, j, distance, bearing)[0]
-    if nis <= limit_of(gate, model, is_target):
-        return
-    n = rows_in_use(n_t, count[lane])
-    note(UNLIKELY, nis, is_target, mu, P, lane, n, n_t, model, target_known, pending, counters)
-    if not is_target or target_known[lane]:
-        slots[lane, k] = DROPPED
 
 
 @inline
@@ -48,7 +33,7 @@ def sort_lane(
                 gates[0], slots,
             )  # fmt: skip
     for k in range(num_returns):
-        label = next_id[lane] if code == NEAREST else labels[lane, k]
+        label = next_id[lane] if code != KNOWN else labels[lane, k]
         if slots[lane, k] == NEW and admits(NEW, label, lane, count, ids, target_known, counters):
             slots[lane, k] = count[lane]
             ids[lane, count[lane]] = label
