@@ -81,7 +81,7 @@ class DenseRobocentric:
             if self.n_t == 4:
                 out[3:5] += dt * x[5:7]
             elif self.n_t == 3:
-                v, w = [self.model.speed, self.model.turn_rate] + noise[2:4]
+                v, w = np.add([self.model.speed, self.model.turn_rate], noise[2:4])
                 end = x[5] + w * dt
                 out[3:6] += [v * dt * np.cos(end), v * dt * np.sin(end), w * dt]
             return out

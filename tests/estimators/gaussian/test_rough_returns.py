@@ -12,7 +12,18 @@ from estimators.interface import Scan
 from estimators.models import TargetModel
 from estimators.testing import checks
 
-NAMES = ["ekf", "fej-ekf", "ri-ekf", "cdkf", "ukf", "ri-cdkf", "taylor-ekf", "ri-taylor-ekf"]
+NAMES = [
+    "ekf",
+    "fej-ekf",
+    "oc-ekf",
+    "robocentric-ekf",
+    "ri-ekf",
+    "cdkf",
+    "ukf",
+    "ri-cdkf",
+    "taylor-ekf",
+    "ri-taylor-ekf",
+]
 
 
 def wrap(angle):
