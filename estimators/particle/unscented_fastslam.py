@@ -41,6 +41,19 @@ class UnscentedFastSLAM(LookingFilter):
     The target's own filter is that of `fastslam2`; in the proposal its position is one more point. The sigma points
     are those of `ukf` by default (alpha = 1, beta = 0, kappa = 0): every covariance is positive semidefinite.
 
+    What to expect: nothing where `fastslam2` linearises well, much where it does not. `fastslam2` and the paired
+    difference to it in `slamto`, 100 particles each, 100 runs, 95 % intervals; inside: the share of the pose's NEES
+    inside its 95 % bounds:
+
+    | noise                                              | robot's error [m]      | inside         |
+    |----------------------------------------------------|------------------------|----------------|
+    | as it is: bearings 0.008 rad                       | 0.035, +0.000 +- 0.001 | 82 %, +1 +- 2  |
+    | bearings 0.15 rad                                  | 0.084, -0.008 +- 0.004 | 80 %, +5 +- 3  |
+    | bearings 0.3 rad, odometry 1 m/s and 1 rad/s       | 0.344, -0.115 +- 0.027 | 30 %, +31 +- 5 |
+    | a fifth of the sweeps, 0.1 rad, odometry 1.5 rad/s | 0.309, -0.028 +- 0.016 | 79 %, +7 +- 4  |
+
+    Known weakness: that of all particle filters here, see `slamto`.
+
     Args:
         particles, resample_threshold, association, match_gate, new_gate, remove_below, map_storage: see `SLAMTO`.
             `gate` must be infinite: labelled returns are not gated.

@@ -141,3 +141,30 @@ def test_with_little_noise_it_is_fastslam2(make, oracle):
 def test_labelled_returns_are_not_gated(oracle):
     with pytest.raises(ValueError, match="use 'fastslam2'"):
         make_estimator("unscented-fastslam", oracle.motion, oracle.sensor, None, max_landmarks=3, gate=9.21)
+
+
+@pytest.mark.slow
+def test_where_bearings_are_poor_it_is_more_consistent_than_fastslam2():
+    """Paired runs: the 95 % intervals of the gain in consistency and in error exclude zero."""
+    from slam_gym.scenario import Scenario
+    from slam_gym.simulation import Simulation
+
+    numbers = {"sensor.bearing_std": 0.3, "robot.turn_std": 1.0, "robot.speed_std": 1.0}
+    names, runs = ("fastslam2", "unscented-fastslam"), 60
+    sim = Simulation(Scenario.load("slamto", **numbers), [(name, {"particles": 50}) for name in names], runs)
+    sim.reset(np.arange(runs))
+    inside, error = np.zeros((2, runs)), np.zeros((2, runs))
+    for step in range(1, 321):
+        sim.advance(np.tile([3.0, 1.0], (runs, 1)))
+        if step % 8 or step == 8:
+            continue
+        for i, f in enumerate(sim.estimators):
+            d = f.belief.pose - sim.world.pose
+            d[:, 2] = wrap(d[:, 2])
+            nees = np.einsum(
+                "li,li->l", d, np.linalg.solve(f.belief.pose_cov + 1e-12 * np.eye(3), d[..., None])[..., 0]
+            )
+            inside[i] += ((nees > 0.2158) & (nees < 9.348)) / 39
+            error[i] += np.hypot(d[:, 0], d[:, 1]) / 39
+    for gain in (inside[1] - inside[0], error[0] - error[1]):
+        assert gain.mean() > 1.96 * gain.std(ddof=1) / np.sqrt(runs)
