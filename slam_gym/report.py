@@ -87,6 +87,7 @@ ACCURACY = (
     Column("target_heading_error_rmse", "target heading RMSE [rad]"),
     Column("landmark_error_rmse", "landmark RMSE [m]"),
     Column("lost_share", "lost [%]", ".1f", "share of time with the target unseen for more than 2 s", scale=100.0),
+    Column("find_time", "found after [s]", ".1f", "until the target is first seen; the run's length where it never is"),
     Column("predict_us", "predict [us]", ".2f", "per lane and step"),
     Column("update_us", "update [us]", ".2f", "per lane and sweep"),
 )

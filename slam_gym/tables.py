@@ -45,6 +45,7 @@ PAIRED = {
     "target_error_rmse": ("target RMSE", "m"),
     "target_error_rel_rmse": ("relative target RMSE", "m"),
     "lost_share": ("share of time lost", ""),
+    "find_time": ("time to find", "s"),
 }
 
 
@@ -82,6 +83,7 @@ def run_table(key: tuple[str, str, str], records: Records, *, burn_in: int = 0, 
         columns[f"target_nees_{suffix}"] = row_mean(values)
     columns["lost_share"] = row_mean(_lost(age))
     columns["lost_end"] = _last(_lost(records.age), records.steps)
+    columns["find_time"], columns["never_found"] = _found(records)
     columns["diverged"] = _diverged(records)
     columns["landmark_count"] = _last(records["landmark_count"], records.steps)
     columns["collisions"], columns["effort"] = records.collisions, records.effort
@@ -91,6 +93,20 @@ def run_table(key: tuple[str, str, str], records: Records, *, burn_in: int = 0, 
 
 def _lost(age: Floats) -> Floats:
     return np.where(np.isnan(age), np.nan, (age > LOST_AFTER).astype(np.float64))
+
+
+def _found(records: Records) -> tuple[Floats, Floats]:
+    """[s] until the target is first seen, the run's length where it never is; and 1 where it never is, else 0.
+
+    NaN where there is no target. Before the first return the age counts from the start.
+    """
+    steps = np.asarray(records.steps, dtype=np.int64)
+    seen = records.age < records.time - 0.5 * (records.time[0])
+    found = seen.any(axis=1)
+    last = records.time[np.maximum(steps, 1) - 1]
+    first = np.where(found, records.time[seen.argmax(axis=1)], last)
+    there = ~np.isnan(records.age[:, 0])
+    return np.where(there, first, np.nan), np.where(there, (~found).astype(np.float64), np.nan)
 
 
 def _last(values: Floats, steps: Any) -> Floats:
@@ -127,6 +143,7 @@ def summary_row(
         row[f"target_error_{suffix}"] = pooled_rms(runs[f"target_error_{suffix}"])[0]
         row[f"target_nees_{suffix}"] = mean_sd(runs[f"target_nees_{suffix}"])[0]
     row["lost_share"], row["lost_end"] = mean_sd(runs["lost_share"])[0], mean_sd(runs["lost_end"])[0]
+    row["find_time"], row["never_found"] = mean_sd(runs["find_time"])[0], mean_sd(runs["never_found"])[0]
     row["diverged"] = int(runs["diverged"].sum())
     row["landmark_count"] = mean_sd(runs["landmark_count"])[0]
     for name in ("collisions", "effort", *(f"{name}_capped" for name in CAPPED)):
@@ -201,7 +218,7 @@ def _pairs(
     a, b = a.loc[common], b.loc[common]
     rows = []
     for metric, (words, unit) in PAIRED.items():
-        if metric == "lost_share" and a[metric].equals(b[metric]):
+        if metric in ("lost_share", "find_time") and a[metric].equals(b[metric]):
             continue  # shared data: the same target was out of sight for all
         found = paired_difference(a[metric], b[metric])
         if found.n == 0:

@@ -4,83 +4,35 @@ import math
 
 import numpy as np
 
+from agents.scripted.driving import drive_to_place, set_command
+from agents.scripted.follower import Follower
 from estimators.interface import Belief
-from estimators.kernels.angles import wrap
-from estimators.kernels.jit import inline, jit
-from slam_gym.policies import Floats, Ints, Policy, PolicyContext
+from estimators.kernels.jit import jit
+from slam_gym.policies import Ints, PolicyContext
 
-ARRIVED = 0.5  # [m] from the place where the target was lost: close enough to look around
 _UNSEEN, _FOLLOWING, _RETURNING, _LOOKING = range(4)  # what a lane is doing
 
 
-@inline
-def _largest_variance(p00, p01, p11):
-    """Largest eigenvalue of a symmetric 2 x 2 matrix."""
-    return 0.5 * (p00 + p11) + math.sqrt(0.25 * (p00 - p11) ** 2 + p01 * p01)
-
-
-@inline
-def _drive_to(x, y, distance, stand_off, gains, lead, lead_turn):
-    """Speed and turn rate towards a point (x, y) in the robot's frame, stopping `stand_off` before it.
-
-    The speed is projected on the line of sight: a point abeam asks for a turn, not for speed.
-    """
-    bearing = math.atan2(y, x)
-    speed = gains[0] * (distance - stand_off) * math.cos(bearing) + lead
-    if abs(bearing) > 0.5 * math.pi:
-        speed = 0.0  # first turn to face it
-    return speed, gains[1] * bearing + lead_turn
-
-
-@inline
-def _clip(value, low, high):
-    return max(low, min(high, value))
-
-
 @jit
-def _pursue(pose, known, position, rel, rel_cov, rel_velocity, settings, gains, limits, state, last, command):
-    """One command per lane.
+def _look_around(pose, lost, last, look_rate, gains, limits, state, command):
+    """Where the target is lost: drive to where it was last trusted to be, then turn on the spot.
 
-    pose [L, 3], known [L], position [L, 2], rel [L, 2], rel_cov [L, 2, 2], rel_velocity [L, 2]: the belief;
-    settings: (stand-off [m], lost_std [m], lead, look rate [rad/s]); gains: (speed, turn) [1/s];
-    limits: (lowest, highest speed, turn rate);
-    state [L], last [L, 2]: what the lane is doing and the last trusted position; command [L, 2]: output.
+    pose [L, 3], lost [L], last [L, 2]; look_rate [rad/s]; state [L]: what the lane is doing; command [L, 2]: output.
     """
-    stand_off, lost_std, lead, look_rate = settings
     for lane in range(command.shape[0]):
-        variance = _largest_variance(rel_cov[lane, 0, 0], rel_cov[lane, 0, 1], rel_cov[lane, 1, 1])
-        if known[lane] and variance <= lost_std * lost_std:
+        if not lost[lane]:
             state[lane] = _FOLLOWING
-            last[lane, 0] = position[lane, 0]
-            last[lane, 1] = position[lane, 1]
-            x, y = rel[lane, 0], rel[lane, 1]
-            distance = max(math.hypot(x, y), 1e-9)
-            along = lead * (x * rel_velocity[lane, 0] + y * rel_velocity[lane, 1]) / distance
-            across = lead * (x * rel_velocity[lane, 1] - y * rel_velocity[lane, 0]) / distance
-            # The line of sight turns with the target's motion across it; near the target that rate is not usable.
-            turning = across / max(distance, 0.5 * stand_off, 0.1)
-            speed, turn = _drive_to(x, y, distance, stand_off, gains, along, turning)
-            command[lane, 0] = _clip(speed, limits[0], limits[1])
-            command[lane, 1] = _clip(turn, -limits[2], limits[2])
             continue
         if state[lane] == _FOLLOWING:
             state[lane] = _RETURNING
         if state[lane] == _RETURNING:
-            east, north = last[lane, 0] - pose[lane, 0], last[lane, 1] - pose[lane, 1]
-            distance = math.hypot(east, north)
-            if distance > ARRIVED:
-                bearing = wrap(math.atan2(north, east) - pose[lane, 2])
-                x, y = distance * math.cos(bearing), distance * math.sin(bearing)
-                speed, turn = _drive_to(x, y, distance, 0.0, gains, 0.0, 0.0)
-                command[lane, 0] = _clip(speed, limits[0], limits[1])
-                command[lane, 1] = _clip(turn, -limits[2], limits[2])
+            if not drive_to_place(lane, pose, last[lane, 0], last[lane, 1], gains, limits, command):
                 continue
             state[lane] = _LOOKING
-        command[lane, 0] = 0.0
-        command[lane, 1] = _clip(look_rate, -limits[2], limits[2])
+        set_command(command, lane, 0.0, look_rate, limits)
 
 
-class Pursuit(Policy):
+class Pursuit(Follower):
     """Drives to a stand-off distance from the believed target and faces it.
 
     In the robot's frame let the believed target be at distance r and bearing b with velocity u:
@@ -109,6 +61,7 @@ class Pursuit(Policy):
         ValueError: a negative or non-finite number.
     """
 
+    name = "pursuit"
     summary = "follows the believed target at a stand-off distance; looks around where it was lost"
 
     def __init__(
@@ -123,47 +76,23 @@ class Pursuit(Policy):
         lost_std: float = 1.0,
         look_rate: float | None = None,
     ) -> None:
-        super().__init__(context, num_lanes)
-        given = {
-            "stand_off": stand_off, "speed_gain": speed_gain, "turn_gain": turn_gain, "lead": lead,
-            "lost_std": lost_std,
-        }  # fmt: skip
-        for name, value in given.items():
-            if not 0.0 <= value < math.inf:
-                raise ValueError(f"pursuit: {name} must be a finite number that is zero or more; got {value!r}")
+        super().__init__(
+            context, num_lanes, stand_off=stand_off, speed_gain=speed_gain, turn_gain=turn_gain, lead=lead,
+            lost_std=lost_std,
+        )  # fmt: skip
         if look_rate is not None and not math.isfinite(look_rate):
             raise ValueError(f"pursuit: look_rate must be a finite number; got {look_rate!r}")
         if look_rate is None:
             look_rate = 1.0 if context.is_bicycle else min(0.6 * context.turn_max, 1.0)
-        self._settings = (float(stand_off), float(lost_std), float(lead), float(look_rate))
-        self._gains = (float(speed_gain), float(turn_gain))
-        turn_max = math.inf if context.is_bicycle else context.turn_max  # a bicycle's wheels have a stop instead
-        self._limits = (float(context.speed_min), float(context.speed_max), float(turn_max))
+        self._look_rate = float(look_rate)
         self._state = np.full(num_lanes, _UNSEEN, dtype=np.int64)
-        self._last = np.zeros((num_lanes, 2))
 
     def reset(self, lanes: Ints, seeds: Ints) -> None:
         """Forget where the target was."""
+        super().reset(lanes, seeds)
         self._state[lanes] = _UNSEEN
-        self._last[lanes] = 0.0
 
-    def act(self, observation: Floats | None, belief: Belief) -> Floats:
-        """Drive to the believed target, or to where it was lost; see `Policy.act`."""
-        _pursue(
-            belief.pose, belief.target_known, belief.target_position, belief.target_rel, belief.target_rel_cov,
-            belief.target_rel_velocity, self._settings, self._gains, self._limits, self._state, self._last,
-            self.command,
-        )  # fmt: skip
-        if self.context.is_bicycle:
-            self._steer()
-        return self.to_action(self.command)
-
-    def _steer(self) -> None:
-        """Turn rates into steering angles; Eq. (15), Tian et al. 2010: turn rate = speed sin(steering) / wheelbase."""
-        looking = (self._state == _UNSEEN) | (self._state == _LOOKING)
-        self.command[looking, 0] = 0.2 * self.context.speed_max
-        speed = self.command[:, 0]
-        slow = np.abs(speed) < 1e-3 * self.context.speed_max
-        sine = self.command[:, 1] * self.context.motion.wheelbase / np.where(slow, 1.0, speed)
-        stop = self.context.steering_max
-        self.command[:, 1] = np.clip(np.where(slow, 0.0, np.arcsin(np.clip(sine, -1.0, 1.0))), -stop, stop)
+    def _seek(self, belief: Belief) -> None:
+        _look_around(
+            belief.pose, self._lost, self._last, self._look_rate, self._gains, self._limits, self._state, self.command
+        )

@@ -74,7 +74,7 @@ def print_paired(paired: pd.DataFrame, console: Console) -> None:
     """The differences in words, those of position first."""
     if not len(paired):
         return
-    wanted = paired[paired["metric"].isin(["robot_error_rmse", "target_error_rel_rmse", "lost_share"])]
+    wanted = paired[paired["metric"].isin(["robot_error_rmse", "target_error_rel_rmse", "lost_share", "find_time"])]
     console.print("\nPaired differences, run by run:", style="bold")
     for text in list(wanted["sentence"])[:SENTENCES]:
         console.print(f"  {text}", highlight=False, markup=False)

@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 import estimators
-from estimators import TARGET, MotionModel, Scan, SensorModel, TargetCloud, TargetModel
+from estimators import TARGET, MotionModel, Scan, SensorModel, TargetModel
+from estimators.target_cloud import TargetCloud
 
 ARENA = (20.0, 20.0)
 SENSOR = SensorModel(max_range=6.0, field_of_view=2.0, detection_probability=0.9, landmark_radius=0.5)

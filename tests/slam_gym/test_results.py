@@ -114,6 +114,19 @@ def test_a_run_is_summarised_by_the_textbook():
     assert np.isnan(row["target_error_gt15"])
 
 
+def test_the_time_to_find_is_that_of_the_first_return():
+    r = records(runs=3)
+    r.age[:] = r.time  # no return: it counts from the start
+    r.age[0, 20:] = 0.0
+    r.age[1, 7:] = r.time[7:] - r.time[7]  # seen once, in the eighth step
+    runs, summary = tabulated(("ekf", r))
+    np.testing.assert_allclose(runs["find_time"], [2.1, 0.8, 5.0])  # never: the run's length
+    assert list(runs["never_found"]) == [0.0, 0.0, 1.0]
+    assert summary["never_found"][0] == pytest.approx(1.0 / 3.0)
+    r.age[:] = np.nan  # a world without a target
+    assert tabulated(("ekf", r))[0]["find_time"].isna().all()
+
+
 def test_diverged_runs_are_counted_and_stay_in_the_averages():
     r = records()
     r.values[2, :, FIELDS.index("pose_nees")] = 1e6
