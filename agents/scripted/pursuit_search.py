@@ -1,7 +1,6 @@
 """Look for a lost target where most of what is believed of it can be seen soonest."""
 
 import math
-from typing import ClassVar
 
 import numpy as np
 
@@ -52,7 +51,7 @@ class PursuitSearch(Follower):
 
     name = "pursuit-search"
     summary = "pursuit; looks for a lost target where most of its cloud can be seen soonest"
-    needs_target_cloud: ClassVar[int] = 256
+    needs_target_cloud = 256
 
     def __init__(
         self,
