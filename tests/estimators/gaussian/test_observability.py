@@ -45,7 +45,7 @@ def directions(estimator, model):
     points = [(0, estimator.anchor[0, :2])]
     if model is not None:
         points.append((3, estimator.anchor[0, 2:4]))
-    points += [(3 + n_t + 2 * slot, estimator.first[0, slot]) for slot in range(estimator.count[0])]
+    points += [(3 + n_t + 2 * slot, estimator.first[0, slot, :2]) for slot in range(estimator.count[0])]
     for row, point in points:
         N[0, row] = N[1, row + 1] = 1.0
         N[2, row : row + 2] = J @ point
@@ -109,7 +109,7 @@ def test_growth_keeps_the_directions(recording, model):
     estimator.update(recording.steps[20].scan, lanes=np.array([0]))
     assert estimator.count[0] == kept
     j = 3 + estimator.n_t + 2 * (kept - 1)
-    expected = J @ estimator.first[0, kept - 1]
+    expected = J @ estimator.first[0, kept - 1, :2]
     np.testing.assert_allclose(estimator.P[0, 2, j : j + 2], expected * estimator.P[0, 2, 2], atol=1e-9)
 
 
@@ -120,8 +120,8 @@ def test_the_points_lie_nearer_to_the_estimates_than_first_estimates_do(recordin
     count = estimator.count[0]
     points = estimator.mu[0, 3 : 3 + 2 * count].reshape(-1, 2)
     now = points - estimator.mu[0, :2]
-    used = estimator.first[0, :count] - estimator.anchor[0, :2]
-    first = estimator.first[0, :count] - estimator.mu[0, :2]
+    used = estimator.first[0, :count, :2] - estimator.anchor[0, :2]
+    first = estimator.first[0, :count, :2] - estimator.mu[0, :2]
     assert np.linalg.norm(used - now) < np.linalg.norm(first - now)
 
 
