@@ -12,6 +12,11 @@ where it cannot have more pairings than the best hypothesis so far, or as many w
 The number of nodes is bounded; a search that is cut takes the best found by then, which the first descent makes
 sequential nearest neighbour under the joint test.
 
+What it buys: nothing where landmarks are far apart against the pose's error (`slamto`, 400 runs: both cost 1 % of the
+robot's error against known labels). With 80 landmarks, a sweep every 0.8 s and odometry noise of 1 m/s and 1 rad/s,
+200 runs of `ekf` on the same data: 0.20 m with labels, 0.79 m with "nearest", 0.24 m with "jcbb" (paired difference
+-0.55 +- 0.06 m), though almost half of the searches were cut.
+
 Where landmarks are independent given the pose, as in a particle, C is block diagonal: JCBB is then nothing but nearest
 neighbour with mutual exclusion (up to the sum's gate), which the particle filters' "nearest" is.
 

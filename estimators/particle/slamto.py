@@ -68,6 +68,10 @@ class SLAMTO(Estimator):
     (0.05 m), but the share of its NEES inside the 95 % bounds falls from 63 % (first 320 steps) to 15 % by step
     1,500; with 1,000 particles from 78 % to 17 %. For consistent covariances use a joint Gaussian filter.
 
+    Without labels ("nearest") the robot's error in that experiment grows by 3 % (400 runs, on the same data; with
+    `fastslam2` by 4 %). With a false alarm per sweep and one detection in twenty missed, the maps shown hold 98 to
+    102 % of the landmarks that were seen.
+
     Args:
         particles: their number, at least 2.
         resample_threshold: share of the particles, in [0, 1]; 0 never resamples, 1 at every weighted update.

@@ -48,3 +48,13 @@ def test_false_alarms_stay_out_of_the_map(name):
     assert kept == pytest.approx(seen.sum(axis=1).mean(), rel=0.02)
     assert everything > 1.5 * kept
     assert errors[0].mean() < 1.15 * errors[1].mean()
+
+
+def test_joint_compatibility_finds_its_way_in_a_crowd():
+    """Eighty landmarks, rare sweeps, poor odometry: the paired difference to "nearest" is beyond its interval."""
+    numbers = {"landmarks.count": 80, "sensor_period": 40, "robot.turn_std": 1.0, "robot.speed_std": 1.0}
+    estimators = [("ekf", {"max_landmarks": 160, "association": a}) for a in ("known", "nearest", "jcbb")]
+    _, (known, nearest, joint), _ = drive(Scenario.load("slamto", **numbers), estimators, 40)
+    gain = nearest - joint
+    assert gain.mean() > 1.96 * gain.std(ddof=1) / np.sqrt(gain.size)
+    assert joint.mean() < 1.5 * known.mean()

@@ -126,7 +126,7 @@ def drive(filters, landmarks, steps, seen=10, seed=0):
         yield step
 
 
-@pytest.mark.parametrize("name", ["slamto", "fastslam1", "fastslam2", "rbpf"])
+@pytest.mark.parametrize("name", ["slamto", "fastslam1", "fastslam2", "rbpf", "unscented-fastslam"])
 def test_filters_are_the_same_bit_for_bit(name):
     options = {"max_landmarks": 200, "particles": 25}
     threshold = {} if name == "fastslam1" else {"resample_threshold": 0.9}
