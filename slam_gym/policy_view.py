@@ -36,7 +36,7 @@ class PolicyView:
     def observe(self, simulation: Simulation, driver: int = 0) -> Any:
         """[L, n] float32 of the belief of estimator number `driver`; None where the policy needs none."""
         world = simulation.world
-        if self._told is not None:
+        if self._told is not None and world.has_target:
             self._told.set_truth(world.pose, world.target)
         if self._observer is None:
             return None
