@@ -1,7 +1,7 @@
 """Look a few segments ahead on the joint belief, and drive the first of the best plan."""
 
 import math
-from typing import Any, ClassVar, Literal
+from typing import Any, Literal
 
 import numpy as np
 
@@ -77,7 +77,6 @@ class RecedingHorizon(Policy):
     """
 
     summary = "plans a few segments on the joint belief; searches for a lost target"
-    needs_target_cloud: ClassVar[int] = PursuitSearch.needs_target_cloud
 
     def __init__(
         self,
@@ -119,6 +118,7 @@ class RecedingHorizon(Policy):
             raise ValueError(f"{name}: {unknown_name('visibility', str(visibility), ['soft', 'hard'])}")
         kind = PursuitSearch if search else Pursuit
         self._fallback = kind(context, num_lanes, stand_off=float(stand_off), lost_std=float(lost_std))
+        self.needs_target_cloud = self._fallback.needs_target_cloud
         self.target_cloud_options = dict(self._fallback.target_cloud_options)
         self._lost_variance = float(lost_std) ** 2
         soft = float(softness) if visibility == "soft" else _HARD

@@ -56,12 +56,16 @@ def _worth(gain, pose, x, y, discount, speed, turn):
 
 
 @jit
-def _explore(pose, mapped, landmarks, landmark_cov, seen, cell, corner, sensor, settings, gains, limits, goal, command):
+def _explore(
+    pose, pose_cov, mapped, landmarks, landmark_cov, seen, cell, corner, sensor, settings, gains, limits, goal, command
+):
     """One command per lane.
 
     pose [L, 3], pose_cov [L, 3, 3], mapped [L, M], landmarks [L, M, 2], landmark_cov [L, M, 2, 2]: the belief;
-    seen [L, X, Y]: cells of `cell` metres from `corner` on, updated; sensor: (range [m], view [rad], pillars' radius [m]); settings: (discount
-    [1/s], known_std [m], landmark_weight [1/m], decisions between two choices); goal [L, 3]; command [L, 2]: output.
+    seen [L, X, Y]: cells of `cell` metres from `corner` on, updated;
+    sensor: (range [m], view [rad], pillars' radius [m]);
+    settings: (discount [1/s], known_std [m], landmark_weight [m], decisions between two choices); goal [L, 3];
+    command [L, 2]: output.
     """
     discount, known_std, landmark_weight, keep = settings
     for lane in range(command.shape[0]):
@@ -105,8 +109,8 @@ class Explore(Policy):
         gain exp(-discount t),   t: seconds to turn and drive there;
 
     gain: the unseen area about a cell of the frontier (an unseen cell with a seen one near) in m^2, or for a
-    landmark whose largest standard deviation exceeds `known_std` plus the robot's own, landmark_weight x the excess. When nothing is left the grid is
-    cleared and the tour begins again. The target is not looked at.
+    landmark whose largest standard deviation exceeds `known_std` plus the robot's own, landmark_weight x the excess.
+    When nothing is left the grid is cleared and the tour begins again. The target is not looked at.
 
     When to use it: to map, to compare maps of estimators, or as a teacher of exploration. Weakness: straight lines to
     the goal, with no path around pillars.

@@ -44,13 +44,16 @@ def test_does_not_return_to_a_map_that_cannot_help(make_context, make_belief):
 def test_exploring_sees_more_than_pursuing():
     seen = {}
     for name in ("explore", "pursuit"):
-        drive = Episode(Scenario.load("default"), ["ekf"], policy=name, seed=2)
-        for _ in range(400):
-            drive.step()
-        seen[name] = int(drive.simulation.estimators[0].belief.landmark_mapped.sum())
-        if name == "explore":
-            assert drive.policy.seen.mean() > 0.7
-    assert seen["explore"] >= seen["pursuit"]
+        seen[name] = 0
+        for seed in (2, 3, 4):
+            drive = Episode(Scenario.load("default"), ["ekf"], policy=name, seed=seed)
+            most = 0.0
+            for _ in range(400):
+                drive.step()
+                most = max(most, drive.policy.seen.mean() if name == "explore" else 0.0)
+            seen[name] += int(drive.simulation.estimators[0].belief.landmark_mapped.sum())
+            assert most > 0.7 or name == "pursuit"
+    assert seen["explore"] > seen["pursuit"]
 
 
 def test_a_poorly_known_landmark_is_visited_when_all_is_seen(make_context, make_belief):

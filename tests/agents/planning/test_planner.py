@@ -15,6 +15,7 @@ from slam_gym import policies
 from slam_gym.episode import Episode
 from slam_gym.policies import PolicyContext
 from slam_gym.scenario import Scenario
+from slam_gym.simulation import Simulation
 
 
 def episode(scenario="default", policy="receding-horizon", estimator="ekf", seed=0, steps=25):
@@ -54,8 +55,6 @@ def test_a_wide_beam_finds_what_trying_every_plan_finds(seed):
 
 def test_lanes_equal_single_lanes_bit_for_bit():
     scenario = Scenario.load("default")
-    from slam_gym.simulation import Simulation
-
     seeds, commands = np.array([3, 8, 21]), []
     for lanes in ([0, 1, 2], [0], [1], [2]):
         simulation = Simulation(scenario, [("ekf", {})], num_lanes=len(lanes))
@@ -82,9 +81,8 @@ def test_pillars_are_kept_clear_of():
     assert hits[1.0] <= hits[0.0]
 
 
-@pytest.mark.parametrize("estimator", ["slamto", "independent"])
-def test_estimators_without_a_joint_gaussian_are_planned_on_too(estimator):
-    drive = episode(estimator=estimator, steps=60)
+def test_estimators_without_a_joint_gaussian_are_planned_on_too():
+    drive = episode(estimator="slamto", steps=60)
     world = drive.simulation.world
     assert np.hypot(*(world.target[0, :2] - world.pose[0, :2])) < 6.0
 
