@@ -2,7 +2,7 @@
 
 Every lane draws its own models, start and map, so that one run meets tiny and huge noise, known and rank-one starts,
 headings beside the wrap, empty and crowded sweeps, targets that come near and go out of sight.
-`SLAM_GYM_FUZZ=50` makes fifty times as many steps as by default: ten million lane-steps of each Gaussian filter.
+`SLAM_GYM_FUZZ=200` makes two hundred times as many steps as by default: ten million lane-steps of each Gaussian filter.
 """
 
 import os
@@ -20,7 +20,7 @@ pytestmark = pytest.mark.slow
 
 EFFORT = float(os.environ.get("SLAM_GYM_FUZZ", "1"))
 EPISODE = 100  # steps, after which a third of the lanes begin new worlds
-GAUSSIAN, OTHERS = 200_000, 2_000  # lane-steps
+GAUSSIAN, OTHERS = 50_000, 1_000  # lane-steps
 LANDMARKS, WIDTH = 12, 16
 DT = 0.1
 
