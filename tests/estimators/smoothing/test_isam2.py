@@ -258,7 +258,6 @@ def test_accurate_and_honest_beside_the_invariant_filter(ring_world):
     for name in ("ri-ekf", "isam2"):
         nees[name], error[name] = ring_world(name, runs=20, steps=250)
     difference = error["isam2"] - error["ri-ekf"]
-    print(nees, error)
     assert difference.mean() < 2.0 * difference.std(ddof=1) / np.sqrt(20) + 0.002
     assert nees["isam2"].mean() == pytest.approx(nees["ri-ekf"].mean(), abs=0.3)
     assert abs(nees["isam2"].mean() - 3.0) < 3.0 * nees["isam2"].std(ddof=1) / np.sqrt(20)
