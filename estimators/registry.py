@@ -22,6 +22,7 @@ _BUILT_IN = {
     "oc-ekf": "estimators.gaussian.observability:OCEKF",
     "robocentric-ekf": "estimators.gaussian.robocentric:RobocentricEKF",
     "ri-ekf": "estimators.gaussian.invariant:RIEKF",
+    "recorded-ri-ekf": "estimators.gaussian.recorded:RecordedRIEKF",
     "cdkf": "estimators.gaussian.sigma_point:CDKF",
     "ukf": "estimators.gaussian.unscented:UKF",
     "ri-cdkf": "estimators.gaussian.invariant_points:RICDKF",

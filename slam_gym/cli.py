@@ -15,6 +15,7 @@ COMMANDS = {
     "run": ("slam_gym.commands.run:Run", "one episode: numbers, a picture or a video"),
     "watch": ("slam_gym.commands.watch:Watch", "one episode in a live window"),
     "replay": ("slam_gym.commands.replay:Replay", "a recorded robot through the same estimators and metrics"),
+    "calibrate": ("slam_gym.commands.calibrate:Calibrate", "fit a recorded robot's numbers, for replay --calibration"),
     "export": ("slam_gym.commands.export:Export", "write a simulated run in a recorded robot's format"),
     "reproduce": ("slam_gym.commands.reproduce:Reproduce", "tables and figures of four papers, each with a verdict"),
     "report": ("slam_gym.commands.report:Report", "draw a results folder again: report.html and pictures"),

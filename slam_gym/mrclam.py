@@ -12,6 +12,7 @@ import gzip
 import warnings as python_warnings
 from collections.abc import Mapping
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -61,6 +62,20 @@ def robots(folder: str | Path) -> list[int]:
     return sorted(set(_read(root, "Barcodes")[:, 0].astype(int)) - landmarks)
 
 
+def pairs(folder: str | Path, robot: int | Literal["all"], target: int | Literal["all"]) -> list[tuple[int, int]]:
+    """The (robot, target) that are meant, "all" standing for every robot of the set but the other one.
+
+    Raises:
+        FileNotFoundError, ValueError: as `load`.
+    """
+    if robot != "all" and target != "all":
+        return [(robot, target)]
+    _need_folder(Path(folder))
+    known = robots(folder)
+    return [(r, t) for r in (known if robot == "all" else [robot]) for t in (known if target == "all" else [target])
+            if r != t]  # fmt: skip
+
+
 def load(folder: str | Path, robot: int, target: int | None) -> Recording:
     """Robot `robot` does SLAM, robot `target` is the moving target; sightings of other robots are left out, counted.
 
@@ -76,8 +91,7 @@ def load(folder: str | Path, robot: int, target: int | None) -> Recording:
         ValueError: a file has foreign columns or disordered times, or there is no such robot.
     """
     root = Path(folder)
-    if not root.is_dir():
-        raise FileNotFoundError(f"no folder {str(root)!r}; expected an unpacked MRCLAM data set with Barcodes.dat")
+    _need_folder(root)
     known = robots(root)
     for role, number in (("robot", robot), ("target", target)):
         if number is not None and number not in known:
@@ -101,6 +115,11 @@ def load(folder: str | Path, robot: int, target: int | None) -> Recording:
         tables["target"] = _read(root, f"Robot{target}_Groundtruth")
     name = f"mrclam robot {robot}" + ("" if target is None else f" target {target}")
     return Recording.from_tables(name, tables, sources, counted)
+
+
+def _need_folder(root: Path) -> None:
+    if not root.is_dir():
+        raise FileNotFoundError(f"no folder {str(root)!r}; expected an unpacked MRCLAM data set with Barcodes.dat")
 
 
 def _labelled(

@@ -13,6 +13,7 @@ import pandas as pd
 from slam_gym.recording import Recording
 from slam_gym.records import Records
 from slam_gym.replay_models import ReplayModels
+from slam_gym.replay_pooled import pooled_table
 from slam_gym.replay_run import Run
 from slam_gym.results import Results
 from slam_gym.schedule import make_schedule
@@ -56,30 +57,66 @@ def replay(
     Raises:
         ValueError: unknown names or options, numbers out of range, no overlap in time.
     """
-    if not estimators or not inflations:
-        raise ValueError("replay needs at least one estimator and one noise inflation")
-    schedule = make_schedule(recording, command_delay=models.command_delay, sample_rate=sample_rate)
+    return replay_many(
+        [recording], estimators, models, inflations=inflations, association=association, gate=gate,
+        sample_rate=sample_rate, out=out, progress=progress,
+    )[0]  # fmt: skip
+
+
+def replay_many(
+    recordings: Sequence[Recording],
+    estimators: Sequence[str | Spec | tuple[str, Mapping[str, Any]]],
+    models: ReplayModels,
+    *,
+    inflations: Sequence[float] = (1.0,),
+    association: Literal["known", "nearest"] = "known",
+    gate: float = GATE,
+    sample_rate: float = 1.0,
+    out: str | Path = "results/replay",
+    progress: Callable[[str], Any] | None = None,
+) -> tuple[Results, pd.DataFrame]:
+    """Several recordings of one kind of robot: `replay` of each, and the pooled table (`slam_gym.replay_pooled`).
+
+    Each recording is a scenario of the results. Its observer, for the pooled table, is what its name begins with
+    before " target".
+
+    Raises:
+        ValueError: as `replay`, or no recording.
+    """
+    if not estimators or not inflations or not recordings:
+        raise ValueError("replay needs at least one estimator, one recording and one noise inflation")
     frames: list[dict[str, Any]] = []
-    for spec in map(Spec.parse, estimators):
-        for inflation in inflations:
-            row = spec.label if inflation == 1.0 else f"{spec.label} (R x{inflation:g})"
-            if progress is not None:
-                progress(row)
-            run = Run(recording, schedule, models.inflated(inflation), spec.name, spec.options, association, gate)
-            frames.append(_frames((recording.name, POLICY, row), run.run(), run.target_dof, recording.truth is None))
+    pooled: list[tuple[str, str, Records]] = []
+    for recording in recordings:
+        schedule = make_schedule(recording, command_delay=models.command_delay, sample_rate=sample_rate)
+        observer = recording.name.partition(" target")[0]
+        for spec in map(Spec.parse, estimators):
+            for inflation in inflations:
+                row = spec.label if inflation == 1.0 else f"{spec.label} (R x{inflation:g})"
+                if progress is not None:
+                    progress(row if len(recordings) == 1 else f"{recording.name}: {row}")
+                run = Run(recording, schedule, models.inflated(inflation), spec.name, spec.options, association, gate)
+                records, key = run.run(), (recording.name, POLICY, row)
+                pooled.append((row, observer, records))
+                frames.append(_frames(key, records, run.target_dof, recording.truth is None))
     runs = pd.concat([f["runs"] for f in frames], ignore_index=True)
-    return Results(
+    odd: dict[str, int] = {}
+    for recording in recordings:
+        odd |= recording.warnings
+    results = Results(
         path=Path(out),
-        config={"recording": recording.name, "inflations": list(inflations), "association": association, "gate": gate,
-                "sample_rate": sample_rate, "models": str(models), "counted in the files": recording.warnings},
+        config={"recording": ", ".join(r.name for r in recordings), "inflations": list(inflations),
+                "association": association, "gate": gate, "sample_rate": sample_rate, "models": str(models),
+                "counted in the files": odd},
         runs=runs,
         summary=pd.DataFrame([f["summary"] for f in frames]),
         paired=paired_table(runs),
         series=pd.concat([f["series"] for f in frames], ignore_index=True),
         tracks=pd.concat([f["tracks"] for f in frames], ignore_index=True),
         landmarks=pd.concat([f["landmarks"] for f in frames], ignore_index=True),
-        warnings=[f"{what}: {number}" for what, number in recording.warnings.items()],
+        warnings=[f"{what}: {number}" for what, number in odd.items()],
     )  # fmt: skip
+    return results, pooled_table(pooled)
 
 
 def _frames(key: tuple[str, str, str], records: Records, target_dof: int, unscored: bool) -> dict[str, Any]:

@@ -1,13 +1,13 @@
-"""What a filter is told about a recorded robot: models, odometry calibration, delays. The place for better ones.
+"""What a filter is told about a recorded robot: models, odometry calibration, delays.
 
-A better noise model of the same robots (range calibration, states for scales and biases, correlated errors) would be
-another maker of a `ReplayModels` here, perhaps with a change of the recording before it.
+`slam_gym.calibration` holds fitted numbers, and makes of them a `ReplayModels` with the robot's own errors.
 """
 
 import math
 from dataclasses import dataclass, replace
 from typing import Self
 
+from estimators.gaussian.robot_errors import RobotErrors
 from estimators.interface import TARGET
 from estimators.models import MotionModel, SensorModel, TargetModel
 from slam_gym.recording import Recording
@@ -28,6 +28,7 @@ class ReplayModels:
         motion, sensor, target: as everywhere; target None: the recording has none.
         command_delay: [s] from a command's time to its motion.
         start_std: (position [m] per axis, heading [rad]) of the start, which is read from the recorded truth.
+        errors: beyond white noise, for the filters that know them (`recorded-ri-ekf`); None: theirs.
     """
 
     motion: MotionModel
@@ -35,6 +36,7 @@ class ReplayModels:
     target: TargetModel | None
     command_delay: float = 0.0
     start_std: tuple[float, float] = (0.01, 0.01)
+    errors: RobotErrors | None = None
 
     def inflated(self, factor: float) -> Self:
         """The sensor's noise variances times a factor: the plain remedy against errors correlated in time.

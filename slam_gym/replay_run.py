@@ -61,7 +61,7 @@ class Run:
         if association != "known" or (recording.labels == UNKNOWN).any():
             capacity = max(2 * capacity, SPARE_LANDMARKS)
         self.labelled = association == "known"
-        own = _shared_options(registry.get(name), gate, association) | dict(options)
+        own = _shared_options(registry.get(name), models, gate, association) | dict(options)
         self.estimator: Estimator = registry.make(
             name, models.motion, models.sensor, models.target, max_landmarks=capacity, **own
         )
@@ -201,14 +201,14 @@ class Run:
         return np.concatenate([rows, np.array(extra).reshape(-1, len(LANDMARK))])
 
 
-def _shared_options(cls: type[Estimator], gate: float, association: str) -> dict[str, Any]:
+def _shared_options(cls: type[Estimator], models: ReplayModels, gate: float, association: str) -> dict[str, Any]:
     """The replay's options that a filter knows; the gate only without particles.
 
     Particles judge a return by a single path's small covariances: once they have collapsed, a gate turns away the true
     returns that would weigh them (MRCLAM set 7, robot 5: 1.3 m with it, 0.3 m without).
     """
     known = {name for base in cls.__mro__ for name in inspect.signature(base).parameters}
-    offered: dict[str, Any] = {"association": association}
+    offered: dict[str, Any] = {"association": association, "errors": models.errors}
     if "particles" not in known:
         offered |= {"gate": gate, "slam_options": {"gate": gate}}
     return {key: value for key, value in offered.items() if key in known}

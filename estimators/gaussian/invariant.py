@@ -94,7 +94,13 @@ def change_coordinates(P, work, lane, n, rows):
 
 @inline
 def retract(mu, P, work, lane, n, rows, n_t, count, own_heading):
-    """Apply the collected correction to mean and coordinates, and settle the rows collected.
+    """Apply the collected correction to mean and coordinates: see `retract_rows`."""
+    retract_rows(mu, P, work, lane, n, rows, n_t, ROBOT + n_t, count, own_heading)
+
+
+@inline
+def retract_rows(mu, P, work, lane, n, rows, n_t, map_row, count, own_heading):
+    """Apply the correction to robot, target and `count` landmarks from row `map_row` on, and settle what is collected.
 
     Every point turns with the robot's heading, a constant-velocity target's velocity too; a twist target
     (`own_heading`) turns with its own, as a second body.
@@ -119,7 +125,7 @@ def retract(mu, P, work, lane, n, rows, n_t, count, own_heading):
         for j in range(ROBOT, ROBOT + n_t - 1, 2):
             retract_point(mu, work, lane, j, angle, c, s, a, b)
     for slot in range(count):
-        retract_point(mu, work, lane, ROBOT + n_t + 2 * slot, angle, c, s, a, b)
+        retract_point(mu, work, lane, map_row + 2 * slot, angle, c, s, a, b)
     change_coordinates(P, work, lane, n, rows)
 
 

@@ -2,8 +2,9 @@
 
 A filter adds two kernels, `_prediction` and `_correction`. The state:
 
-    mu [L, n_max], P [L, n_max, n_max]   robot (x, y, heading), target (n_t), landmark of slot j at 3 + n_t + 2 j;
-                                         n_max = 3 + n_t + 2 M rounded up to a multiple of BLOCK; unused rows are zero
+    mu [L, n_max], P [L, n_max, n_max]   robot (x, y, heading), target (n_t), a filter's own `extra_states` (n_e),
+                                         landmark of slot j at 3 + n_t + n_e + 2 j; n_max = 3 + n_t + n_e + 2 M rounded
+                                         up to a multiple of BLOCK; unused rows are zero
     count [L], ids [L, M], first [L, M, 3], next_id [L]   landmarks in the map, their ids (-1: empty slot), their
                                          first estimates and log odds of existence, landmarks created so far
     target_known [L], pending [L, 4]     whether the target is in the state; see `growth` for one seen but once
@@ -11,7 +12,7 @@ A filter adds two kernels, `_prediction` and `_correction`. The state:
 """
 
 import math
-from typing import Any, Literal
+from typing import Any, ClassVar, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -57,6 +58,8 @@ class GaussianEstimator(Estimator):
         budget: largest number of landmarks kept; beyond it the least valuable are marginalised. None: no budget.
     """
 
+    extra_states: ClassVar[int] = 0  # rows between the target and the map
+
     def __init__(
         self,
         motion: MotionModel,
@@ -92,7 +95,8 @@ class GaussianEstimator(Estimator):
     def _allocate(self) -> None:
         L, M = self.num_lanes, self.max_landmarks
         self.n_t = len(self.target_names)
-        self.n_max = -(-(ROBOT + self.n_t + 2 * M) // BLOCK) * BLOCK
+        before_map = self.n_t + self.extra_states
+        self.n_max = -(-(ROBOT + before_map + 2 * M) // BLOCK) * BLOCK
         self.mu: Floats = np.zeros((L, self.n_max))
         self.P: Floats = aligned_zeros(L, self.n_max, self.n_max)
         self.count: Ints = np.zeros(L, dtype=np.int64)
@@ -110,7 +114,7 @@ class GaussianEstimator(Estimator):
         self._control_shape = (L, 2)
         core, marks = ([self.belief.buffers[name] for name in names] for names in (Belief._CORE, Belief._MAP))
         self._core = bind(fill_core, self.mu, self.P, self.models, self.target_known, *core)
-        self._map = bind(fill_map, self.mu, self.P, self.n_t, self.count, self.ids, *marks)
+        self._map = bind(fill_map, self.mu, self.P, before_map, self.count, self.ids, *marks)
         if self.remove_below > 0.0:
             self._map = chain(self._map, bind(hide_doubtful, self.first, self.count, *marks))
 
@@ -234,7 +238,7 @@ class GaussianEstimator(Estimator):
     def joint(self, lane: int) -> tuple[Floats, Floats]:
         """Mean [n] and covariance [n, n] over robot, target (where it is known) and mapped landmarks, as copies."""
         skip = 0 if self.target_known[lane] else self.n_t
-        rows = np.arange(ROBOT + self.n_t + 2 * self.count[lane])
+        rows = np.arange(ROBOT + self.n_t + self.extra_states + 2 * self.count[lane])
         rows = rows[(rows < ROBOT) | (rows >= ROBOT + skip)]
         return self.mu[lane, rows], self.P[lane][np.ix_(rows, rows)]
 

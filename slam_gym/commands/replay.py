@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 import tyro
 
 if TYPE_CHECKING:
+    import pandas as pd
     from rich.console import Console
 
     from slam_gym.recording import Recording
@@ -38,6 +39,29 @@ LEGEND = """\
 Target by the time since it was last seen. us: filter time per prediction.
 R x: the variances of the sensor's noise times that."""
 
+POOLED = {
+    # title: heading, column of `pooled_table`, digits
+    "RMSE [m, rad]": (
+        ("robot", "robot_error", 2),
+        ("heading", "heading_error", 3),
+        ("target\n< 2 s", "target_error_lt2", 2),
+        ("target\n2-15 s", "target_error_2_15", 2),
+        ("target\n> 15 s", "target_error_gt15", 2),
+    ),
+    "NEES over its nominal value: 1 when honest": (
+        ("pose", "pose_nees", 2),
+        ("least", "pose_nees_least", 2),
+        ("most", "pose_nees_most", 2),
+        ("inside", "pose_inside", 2),
+        ("target\n< 2 s", "target_nees_median_lt2", 2),
+        ("target\n2-15 s", "target_nees_median_2_15", 2),
+        ("target\n> 15 s", "target_nees_median_gt15", 2),
+    ),
+}
+POOLED_LEGEND = """\
+pose: mean over all samples; least, most: of one observing robot; inside: share within one run's 95 % bound (0.95).
+Target: median, by the time since it was last seen. pooled.csv holds its mean too."""
+
 
 @dataclass(frozen=True, kw_only=True)
 class Settings:
@@ -55,6 +79,10 @@ class Settings:
     Particle filters work better without and take one only as their own option: `slamto:gate=400`."""
     command_delay: float | None = None
     """[s] from a command to its motion; by default 0.2 for MRCLAM, for logs the scenario's."""
+    calibration: str | None = None
+    """Fitted numbers of the robot: a file of `slam-gym calibrate`, or `mrclam-7` or `mrclam-other` (the MRCLAM robots,
+    fitted on set 7 and on another set). They correct the recording and replace the models and the delay;
+    `recorded-ri-ekf` uses all of them."""
     sample_rate: float = 1.0
     """[Hz] at which errors and NEES are scored."""
     out: Path | None = None
@@ -65,21 +93,23 @@ class Settings:
 
 @dataclass(frozen=True, kw_only=True)
 class Mrclam(Settings):
-    """Replay an MRCLAM data set: one robot does SLAM, another is the moving target.
+    r"""Replay an MRCLAM data set: one robot does SLAM, another is the moving target.
 
     PATH is a folder as published (Barcodes.dat, Landmark_Groundtruth.dat, RobotN_Odometry.dat, RobotN_Measurement.dat,
     RobotN_Groundtruth.dat; plain or .gz). Robot errors and NEES are against the recorded truth, those of the target
     also by the time since it was last seen.
 
     Example: slam-gym replay mrclam MRCLAM_Dataset7 --robot 5 --target 1 --estimators ekf ri-ekf --noise-inflation 16
+             slam-gym replay mrclam MRCLAM_Dataset7 --robot all --target all --calibration mrclam-other \
+                 --estimators ri-ekf recorded-ri-ekf --no-report
     """
 
     path: Annotated[Path, tyro.conf.Positional]
     """Folder of the data set."""
-    robot: int
-    """Number of the robot that does SLAM."""
-    target: int
-    """Number of the robot that is tracked."""
+    robot: int | Literal["all"]
+    """Number of the robot that does SLAM; `all`: every one, pooled."""
+    target: int | Literal["all"]
+    """Number of the robot that is tracked; `all`: every other one."""
     odometry_calibration: str = "mrclam"
     """`mrclam` (speed 0.935, turn 0.948, bias -0.0023 rad/s: measured on another recording of the same robots), `none`,
     or SPEED,TURN,BIAS: true = scale x logged, and the bias added while the robot is commanded to move."""
@@ -90,7 +120,8 @@ class Mrclam(Settings):
         from slam_gym.replay_models import mrclam_models, parse_calibration
 
         models = mrclam_models(parse_calibration(self.odometry_calibration))
-        return _replay(self, mrclam.load(self.path, self.robot, self.target), models)
+        pairs = mrclam.pairs(self.path, self.robot, self.target)
+        return _replay(self, [mrclam.load(self.path, *pair) for pair in pairs], models)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -117,7 +148,7 @@ class Log(Settings):
         from slam_gym.scenario import Scenario
 
         recording = log_format.load(self.path)
-        return _replay(self, recording, scenario_models(Scenario.load(self.scenario), recording))
+        return _replay(self, [recording], scenario_models(Scenario.load(self.scenario), recording))
 
 
 @dataclass(frozen=True)
@@ -139,38 +170,67 @@ class Replay:
         return self.source.run()
 
 
-def _replay(settings: Settings, recording: "Recording", models: "ReplayModels") -> int:
+def _replay(settings: Settings, recordings: "list[Recording]", models: "ReplayModels") -> int:
     """Replay, save, print, report."""
     from dataclasses import replace
 
     from rich.console import Console
 
-    from slam_gym.replay import replay
+    from slam_gym.replay import replay_many
 
     console = Console()
+    if settings.calibration is not None:
+        from slam_gym.calibration import Calibration
+
+        calibration = Calibration.load(settings.calibration)
+        recordings = [calibration.corrected(recording) for recording in recordings]
+        models = calibration.models(target=models.target is not None)
     if settings.command_delay is not None:
         models = replace(models, command_delay=settings.command_delay)
     inflations = (1.0,) if settings.noise_inflation == 1.0 else (1.0, settings.noise_inflation)
+    many, name = len(recordings) > 1, recordings[0].name
     with console.status("replaying") as status:
-        results = replay(
-            recording,
+        results, pooled = replay_many(
+            recordings,
             settings.estimators,
             models,
             inflations=inflations,
             association=settings.association,
             gate=settings.gate,
             sample_rate=settings.sample_rate,
-            out=_folder(settings.out, recording.name),
-            progress=lambda row: status.update(f"{recording.name}: {row}"),
+            out=_folder(settings.out, f"{name.split(' robot')[0]} pairs" if many else name),
+            progress=lambda row: status.update(row if many else f"{name}: {row}"),
         )
         results.config = {"command": shlex.join(["slam-gym", *sys.argv[1:]]), **results.config}
         results.save()
-    _show(console, results, recording)
+        pooled.to_csv(results.path / "pooled.csv", index=False)
+    if many:
+        _show_pooled(console, pooled)
+        console.print(f"Tables: {results.path} (Parquet, CSV, TUM)", soft_wrap=True, highlight=False)
+    else:
+        _show(console, results, recordings[0])
     if settings.report:
         from slam_gym.report import write_report
 
         console.print(f"Report: {write_report(results)}", soft_wrap=True, highlight=False)
     return 0
+
+
+def _show_pooled(console: "Console", pooled: "pd.DataFrame") -> None:
+    """One row per estimator over all recordings, as two tables."""
+    from rich.table import Table
+
+    console.print(f"{pooled['recordings'].max()} recordings, pooled\n", highlight=False)
+    for title, columns in POOLED.items():
+        table = Table(title=title, title_justify="left", padding=(0, 1), box=None, header_style="bold")
+        table.add_column("estimator", no_wrap=True)
+        for heading, *_ in columns:
+            table.add_column(heading, justify="right", no_wrap=True)
+        for row in pooled.to_dict("records"):
+            table.add_row(str(row["estimator"]), *(f"{row[key]:.{digits}f}" for _, key, digits in columns))
+        console.print(table)
+        console.print()
+    console.print(POOLED_LEGEND, style="dim", highlight=False)
 
 
 def _folder(out: Path | None, name: str) -> Path:
