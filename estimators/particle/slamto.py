@@ -12,7 +12,7 @@ from estimators.models import TWIST, MotionModel, SensorModel, TargetModel
 from estimators.particle.belief import fill_map_lanes, fill_pose_lanes, fill_target_lanes
 from estimators.particle.layout import EVENTS, HEADINGS, LANE, TWIST_ROWS, VELOCITY_ROWS
 from estimators.particle.looks import LINEAR, LOOK
-from estimators.particle.map_storage import DENSE, STORES, allocate, bytes_in_use, clear, make_room
+from estimators.particle.map_storage import DENSE, STORES, TREE, allocate, bytes_in_use, clear, make_room
 from estimators.particle.nearest import update_nearest_lanes
 from estimators.particle.proposal import draw_start
 from estimators.particle.steps import move_lanes, resample_lanes, update_lanes
@@ -76,7 +76,8 @@ class SLAMTO(Estimator):
         particles: their number, at least 2.
         resample_threshold: share of the particles, in [0, 1]; 0 never resamples, 1 at every weighted update.
         association: "known" uses the labels; "nearest" ignores them (but for `TARGET`) and lets each particle decide,
-            by gated maximum likelihood with mutual exclusion.
+            by gated maximum likelihood with mutual exclusion (to which "jcbb" would reduce: given its pose, a
+            particle's landmarks are independent).
         gate: "known": NIS (2 dof) above which, in particles of more than half the weight, a labelled return is
             refused; infinite by default.
         match_gate, new_gate: "nearest": a return within `match_gate` of a landmark is its; outside `new_gate` of
@@ -240,6 +241,8 @@ class SLAMTO(Estimator):
             self._returns = (np.zeros(shape), np.zeros(shape), np.zeros(shape, dtype=np.int64), np.zeros(width))
 
     def _resample(self, chosen: Ints) -> None:
+        if self._store != TREE and not self._state["due"].any():
+            return  # the usual case, at a fraction of the kernel call's time
         resample_lanes(
             chosen, self._state, self._pose, self._pose_cov, self._maps, self._points, self._ancestors, self._index,
             self._target, self._log_hypothesis, self._log_w, self._w, self._used, self._exists, self._places,
