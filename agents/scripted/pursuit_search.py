@@ -80,7 +80,7 @@ class PursuitSearch(Follower):
         turn_max = context.speed_max / context.motion.wheelbase if context.is_bicycle else context.turn_max
         self._pace = (self._limits[0], min(self._limits[1], 1e6), min(float(turn_max), 1e6))
         self._goal = np.full((num_lanes, 4), -1.0)
-        self._pillars, self._mass = np.zeros((0, 2)), np.zeros(BINS)
+        self._pillars, self._mass = np.zeros(0), np.zeros(BINS)
 
     def reset(self, lanes: Ints, seeds: Ints) -> None:
         """Forget where the target was."""
@@ -94,8 +94,8 @@ class PursuitSearch(Follower):
             return
         points, weights = belief.target_cloud
         mapped = belief.landmark_mapped
-        if len(self._pillars) < mapped.shape[1]:
-            self._pillars = np.zeros((mapped.shape[1], 2))
+        if len(self._pillars) != 3 * mapped.shape[1]:
+            self._pillars = np.zeros(3 * mapped.shape[1])
         choose_views(
             self._lost, belief.pose, points, weights, mapped, belief.landmark_mean, self._sensor, self._pace,
             self._border, self._discount, self._keep, math.exp(self._discount), self._pillars, self._mass, self._goal,

@@ -1,10 +1,12 @@
-"""From which place, turning which way, the most of a target cloud is seen soonest."""
+"""From which place, facing which way, the most of a target cloud is seen soonest."""
 
 import math
 
 from agents.scripted.driving import ARRIVED, clip
 from estimators.kernels.angles import wrap
 from estimators.kernels.jit import inline, jit
+from slam_gym.world_draws import NOBODY
+from slam_gym.world_geometry import hidden
 
 RINGS, DIRECTIONS = 3, 8  # places around the robot that are tried, at these shares of the sensor's range
 RING_SHARES = (0.35, 0.8, 1.6)
@@ -12,37 +14,20 @@ CLOUD_PLACES = 6  # places in the cloud itself that are tried
 HERE, HELD = 0, -1  # numbers of places: the robot's own, and the goal pursued so far
 BINS = 36  # headings told apart
 PLACES = 1 + RINGS * DIRECTIONS + CLOUD_PLACES
-X, Y, HEADING, AGE = range(
-    4
-)  # of a goal: place, side to turn to there (1: left, -1: right), decisions since its choice
+X, Y, HEADING, AGE = range(4)  # of a goal: place, heading there, decisions since it was chosen
 
 
 @inline
-def blocked(px, py, dx, dy, square, pillars, count, radius):
-    """Whether a pillar's disc stands between (px, py) and the point at (dx, dy) from there, or over that point."""
-    for j in range(count):
-        ex, ey = pillars[j, 0] - px, pillars[j, 1] - py
-        along = ex * dx + ey * dy
-        if along <= 0.0:
-            continue
-        if along < square:
-            cross = ex * dy - ey * dx
-            if cross * cross < radius * radius * square:
-                return True
-        elif (ex - dx) ** 2 + (ey - dy) ** 2 < radius * radius:
-            return True
-    return False
-
-
-@inline
-def _seen_by_direction(px, py, points, weights, max_range, pillars, count, radius, mass):
+def _seen_by_direction(px, py, points, weights, max_range, pillars, count, mass):
     """Fill `mass` [BINS]: the cloud's weight in range and line of sight of (px, py), by direction."""
+    radii = pillars.size // 3 * 2
     for b in range(BINS):
         mass[b] = 0.0
     for p in range(weights.size):
-        dx, dy = points[p, 0] - px, points[p, 1] - py
-        square = dx * dx + dy * dy
-        if square < max_range * max_range and not blocked(px, py, dx, dy, square, pillars, count, radius):
+        x, y = points[p, 0], points[p, 1]
+        dx, dy = x - px, y - py
+        near = dx * dx + dy * dy < max_range * max_range
+        if near and not hidden(px, py, x, y, NOBODY, pillars, 0, radii, count):
             turns = math.atan2(dy, dx) / (2.0 * math.pi)
             mass[min(int((turns - math.floor(turns)) * BINS), BINS - 1)] += weights[p]
 
@@ -90,7 +75,7 @@ def _place(number, lane, pose, points, weights, reach, goal):
 @inline
 def _choose(lane, pose, points, weights, sensor, limits, border, discount, bonus, pillars, count, mass, goal):
     """Write the lane's best view into `goal`."""
-    max_range, half_view, radius = sensor
+    max_range, half_view, _ = sensor
     window = min(int(half_view / (2.0 * math.pi) * BINS), (BINS - 1) // 2)
     x, y, heading = pose[lane, 0], pose[lane, 1], pose[lane, 2]
     best, best_x, best_y, best_heading = -1.0, x, y, heading
@@ -100,7 +85,7 @@ def _choose(lane, pose, points, weights, sensor, limits, border, discount, bonus
         distance = math.hypot(px - x, py - y)
         arrival = math.atan2(py - y, px - x) if distance > ARRIVED else heading
         travel = abs(wrap(arrival - heading)) / limits[2] + distance / limits[1]
-        _seen_by_direction(px, py, points, weights, max_range, pillars, count, radius, mass)
+        _seen_by_direction(px, py, points, weights, max_range, pillars, count, mass)
         worth, facing = _best_heading(mass, arrival, travel, window, limits[2], discount)
         worth *= bonus if number == HELD else 1.0
         if worth > best:
@@ -127,10 +112,11 @@ def choose_views(
         discount: [1/s] by which what is seen later is worth less.
         keep: decisions between two choices.
         bonus: factor in favour of the plan pursued so far.
-        pillars: [M, 2] scratch.
+        pillars: [3 M] scratch: their places, then their radii.
         mass: [BINS] scratch.
         goal: [L, 4] the plans (X, Y, HEADING, AGE; negative age: none), written.
     """
+    pillars[2 * mapped.shape[1] :] = sensor[2]
     for lane in range(lost.size):
         if not lost[lane]:
             goal[lane, AGE] = -1.0
@@ -141,7 +127,7 @@ def choose_views(
         count = 0
         for j in range(mapped.shape[1] if sensor[2] > 0.0 else 0):
             if mapped[lane, j]:
-                pillars[count, 0], pillars[count, 1] = landmarks[lane, j, 0], landmarks[lane, j, 1]
+                pillars[2 * count], pillars[2 * count + 1] = landmarks[lane, j, 0], landmarks[lane, j, 1]
                 count += 1
         _choose(
             lane, pose, points[lane], weights[lane], sensor, limits, border, discount, bonus, pillars, count,
