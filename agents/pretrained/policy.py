@@ -18,16 +18,17 @@ def zones() -> list[str]:
 
 
 class Pretrained(Learned):
-    """Drives as a policy that comes with slam-gym, trained with PPO for the scenario at hand.
+    """Drives as a policy that comes with slam-gym, trained with PPO for the scenario at hand, else for `default`.
 
-    Each is two layers of 128 tanh units on the flat observation (`slam-gym list SlamTarget-v0`) with the cloud of a
-    lost target (`slam_gym.observation_cloud`), on the belief of ri-ekf; an action lasts 0.4 s. `slam-gym train` first
-    had it imitate `pursuit-search`, then try for itself in 256 worlds at once, paid by the default reward. In a
-    scenario that none was trained for, the one of `default` drives. agents/pretrained/README.md has each command and
-    what came of it in worlds that no training had seen; `slam-gym evaluate ppo` measures it again.
+    So far that is one, trained in `default`; agents/pretrained/README.md has the command, and what came of it there and
+    in the other scenarios. It is two layers of 128 tanh units on the flat observation (`slam-gym list SlamTarget-v0`)
+    with the cloud of a lost target (`slam_gym.observation_cloud`), on the belief of ri-ekf; an action lasts 0.4 s.
+    `slam-gym train` first had it imitate `pursuit-search`, then try for itself in 256 worlds at once, paid by the
+    default reward.
 
-    It knows nothing but its scenario: with other pillars, another field of view or a target that behaves differently
-    it may do worse than `pursuit`. A policy of one's own: `slam-gym train`.
+    It knows what it was trained in: with other pillars, a shorter range or a target that behaves otherwise it may do
+    worse than `pursuit`, and only `slam-gym evaluate ppo` can tell. A target that has to be found first it finds no
+    sooner than `pursuit`; `pursuit-search` does. A policy of one's own: `slam-gym train`.
 
     Args:
         context: models and limits.

@@ -27,7 +27,8 @@ class Train:
 
       slam-gym train --algo sac --scenario discovery --seed 1 --out runs/finder
       slam-gym train --steps 3e6 --hyperparams gamma=0.99 n_epochs=10 --reward track=0.5 effort=0.05
-      slam-gym train --teacher pursuit --steps 1e6     learns what pursuit does, then what pursuit does not
+      slam-gym train --teacher pursuit-search --target-cloud 256
+          learns first what a searcher does, then what it does not: the best recipe known here
       slam-gym train --seed 1 --resume    the same command with --resume: goes on after Ctrl-C, or for more --steps
 
       tensorboard --logdir runs                                          watch it learn
@@ -55,7 +56,8 @@ class Train:
     set: tuple[str, ...] = ()
     """Scenario settings to change, such as sensor.max_range=5 or "landmarks.count=[5, 30]"."""
     teacher: str = ""
-    """A policy (`slam-gym list policies`) to imitate before the first trial, such as pursuit; PPO only."""
+    """A policy (`slam-gym list policies`) to imitate before the first trial, such as pursuit; PPO only, with
+    hyperparameters of its own."""
     teacher_decisions: int = 100_000
     """That the teacher comments on, and then as many in which only the critic learns."""
     nearest_landmarks: int = 8

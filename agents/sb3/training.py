@@ -115,7 +115,8 @@ def read_hyperparameters(settings: "Train", scenario: Scenario) -> Hyperparamete
         changes["n_timesteps"] = settings.steps
     if settings.num_envs is not None:
         changes["n_envs"] = settings.num_envs
-    file = settings.hyperparams_file or hyperparameters.FOLDER / f"{settings.algo}.yml"
+    built_in = f"{settings.algo}{'-taught' if settings.teacher and settings.algo == 'ppo' else ''}.yml"
+    file = settings.hyperparams_file or hyperparameters.FOLDER / built_in
     return hyperparameters.read(file, scenario.name, changes)
 
 
@@ -160,6 +161,11 @@ def imitate_teacher(model: "BaseAlgorithm", settings: "Train", scenario: Scenari
         )
     context = policies.PolicyContext.from_scenario(scenario, settings.action)
     teacher = policies.make(spec.name, context, model.n_envs, **spec.options)
+    if teacher.needs_target_cloud and not settings.target_cloud:
+        raise ValueError(
+            f"teacher {spec.name!r} reads a target cloud: add --target-cloud {teacher.needs_target_cloud}, which the "
+            "policy is then shown too"
+        )
     seeds = run_seeds(settings.seed, TEACHER_SEEDS, range(model.n_envs))
     return imitate(model, teacher, settings.teacher_decisions, seeds)
 

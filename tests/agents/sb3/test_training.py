@@ -132,9 +132,29 @@ def test_a_taught_policy_begins_where_its_teacher_is(tmp_path):
     assert begun.rows[0]["lost"] < alone.rows[0]["lost"] - 0.1
     assert begun.rows[0]["return"] > alone.rows[0]["return"] + 10.0
     assert begun.rows[1]["return"] == pytest.approx(begun.rows[0]["return"], abs=2.0)  # the moments move a little
-    for wrong, message in (({"algo": "sac"}, "works with --algo ppo"), ({"teacher": "persuit"}, "unknown policy")):
-        with pytest.raises(ValueError, match=message):
-            train(replace(settings, hyperparams=(), **wrong), tmp_path / message)
+
+
+@pytest.mark.parametrize(
+    ("wrong", "message"),
+    [
+        ({"algo": "sac", "hyperparams": ()}, "works with --algo ppo"),
+        ({"teacher": "persuit"}, "unknown policy"),
+        ({"teacher": "pursuit-search"}, "add --target-cloud 256"),
+        ({"teacher": "oracle"}, "is told the truth"),
+    ],
+)
+def test_not_everybody_can_teach(wrong, message, tmp_path):
+    with pytest.raises(ValueError, match=message):
+        train(replace(TAUGHT, **wrong), tmp_path)
+
+
+def test_a_taught_training_has_hyperparameters_of_its_own():
+    scenario = Scenario.load("default")
+    taught, plain = (read_hyperparameters(Train(teacher=name), scenario).values for name in ("pursuit", ""))
+    assert taught["policy_kwargs"]["log_std_init"] < plain["policy_kwargs"]["log_std_init"]
+    assert taught["n_timesteps"] < plain["n_timesteps"]
+    changed = read_hyperparameters(Train(teacher="pursuit", hyperparams=("gamma=0.9",), steps=5.0), scenario)
+    assert (changed.values["gamma"], changed.n_timesteps) == (0.9, 5)
 
 
 def test_a_finished_training_can_get_longer(trained, tmp_path):
