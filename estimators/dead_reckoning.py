@@ -2,10 +2,12 @@
 
 import numpy as np
 
+from estimators.gaussian.considered import keep_pose, put_pose_back
 from estimators.gaussian.ekf import observe, predict
 from estimators.gaussian.growth import start_target
 from estimators.gaussian.layout import Call, GaussianEstimator
 from estimators.gaussian.sweep import USED, associate, limit_of, note
+from estimators.gaussian.vague_target import CONSIDERED
 from estimators.interface import Floats, Scan
 from estimators.kernels.angles import wrap
 from estimators.kernels.association import TARGET_SLOT
@@ -15,24 +17,6 @@ from estimators.kernels.jit import inline, jit
 from estimators.kernels.left_looking import settle
 from estimators.kernels.range_bearing import noise_std, offset, offset_noise
 from estimators.models import TWIST
-
-
-@inline
-def keep_pose(mu, P, lane, kept):
-    """Copy pose and pose covariance of a lane into `kept` [4, 3]."""
-    for i in range(ROBOT):
-        kept[3, i] = mu[lane, i]
-        for k in range(ROBOT):
-            kept[i, k] = P[lane, i, k]
-
-
-@inline
-def put_pose_back(mu, P, lane, kept):
-    """Undo what an update did to the pose, but not to the target's covariance with it: Schmidt's update."""
-    for i in range(ROBOT):
-        mu[lane, i] = kept[3, i]
-        for k in range(ROBOT):
-            P[lane, i, k] = kept[i, k]
 
 
 @inline
@@ -96,6 +80,10 @@ class DeadReckoning(GaussianEstimator):
     def _allocate(self) -> None:
         super()._allocate()
         self.kept: Floats = np.zeros((ROBOT + 1, ROBOT))  # scratch
+
+    def linear_points(self) -> tuple[Floats, int, int]:
+        """See `GaussianEstimator.linear_points`."""
+        return self.mu, ROBOT, CONSIDERED
 
     def _prediction(self, control: Floats, dt: Floats) -> Call:
         return (

@@ -22,12 +22,15 @@ _POSE = ("pose", "pose_cov")
 
 
 @jit
-def believe_pose(mu, P, pose, lanes):
-    """Put the robot where the SLAM filter says, known exactly, uncorrelated with the target."""
+def believe_pose(mu, P, pose, lanes, copies):
+    """Put the robot where the SLAM filter says, known exactly, uncorrelated with the target.
+
+    pose: one for every `copies` lanes.
+    """
     for i in range(lanes.size):
         lane = lanes[i]
         for k in range(ROBOT):
-            mu[lane, k] = pose[lane, k]
+            mu[lane, k] = pose[lane // copies, k]
             for other in range(P.shape[1]):
                 P[lane, k, other] = 0.0
                 P[lane, other, k] = 0.0
@@ -140,7 +143,10 @@ class Independent(Estimator):
         self.belief.mark_stale()
 
     def _follow(self, lanes: Ints) -> None:
-        believe_pose(self.tracker.mu, self.tracker.P, self.slam.belief.pose, lanes)
+        by, pose = self.tracker, self.slam.belief.pose
+        believe_pose(by.mu, by.P, pose, lanes, 1)
+        if by.bank is not None and by.bank.members is not None:
+            believe_pose(by.bank.members.mu, by.bank.members.P, pose, by.bank.rows(lanes), by.bank.size)
         self.tracker.belief.mark_stale()
         self.belief.mark_stale()
 

@@ -14,16 +14,17 @@ from numpy.typing import NDArray
 UNICYCLE, BICYCLE = 0, 1
 PER_STEP, PER_ROOT_SECOND = 0, 1
 SUM, QUADRATURE = 0, 1
-NO_TARGET, TWIST, CONSTANT_VELOCITY = -1, 0, 1
+NO_TARGET, TWIST, CONSTANT_VELOCITY, IMM = -1, 0, 1, 2
 
 _MOTION_KINDS = {"unicycle": UNICYCLE, "bicycle": BICYCLE}
 _NOISE_LAWS = {"step": PER_STEP, "root-second": PER_ROOT_SECOND}
 _RANGE_LAWS = {"sum": SUM, "quadrature": QUADRATURE}
-_TARGET_KINDS = {"twist": TWIST, "constant-velocity": CONSTANT_VELOCITY}
+_TARGET_KINDS = {"twist": TWIST, "constant-velocity": CONSTANT_VELOCITY, "imm": IMM}
 
 TARGET_COORDINATES = {
     "twist": ("x", "y", "heading"),
     "constant-velocity": ("x", "y", "velocity_x", "velocity_y"),
+    "imm": ("x", "y", "velocity_x", "velocity_y"),
 }
 
 
@@ -116,16 +117,26 @@ class TargetModel:
     twist: a unicycle with known (speed, turn_rate) and noise on both; state (x, y, heading); Eqs. (16)-(17), Wu and
     Sun 2013; noise under the robot's noise_law "step".
     constant-velocity: state (x, y, velocity_x, velocity_y), white acceleration: velocity variance grows by
-    acceleration_density^2 per second.
+    acceleration_density^2 per second. The velocity turns at `turn_rate` and is forgotten as exp(-t /
+    velocity_time_constant), where these are given.
+    imm: the same state under interacting models (Blom and Bar-Shalom 1988): straight on as above, turning left or
+    right at `manoeuvre_rate`, stopped; a Markov chain switches between them (`estimators.gaussian.manoeuvres`).
     """
 
-    kind: Literal["twist", "constant-velocity"] = "constant-velocity"
+    kind: Literal["twist", "constant-velocity", "imm"] = "constant-velocity"
     speed: float = 0.0  # [m/s], twist
-    turn_rate: float = 0.0  # [rad/s], twist
+    turn_rate: float = 0.0  # [rad/s], twist and constant-velocity
     speed_std: float = 0.8  # [m/s], twist
     turn_std: float = 0.6  # [rad/s], twist
-    acceleration_density: float = 0.3  # [m/s per sqrt(s)], constant-velocity
-    initial_speed_std: float = 1.0  # [m/s] per axis at the first sighting, constant-velocity
+    acceleration_density: float = 0.3  # [m/s per sqrt(s)], constant-velocity; imm: in its straight mode
+    velocity_time_constant: float = math.inf  # [s], constant-velocity: memory of the velocity; infinite: for ever
+    manoeuvre_rate: float = 1.5  # [rad/s] of the turning modes, imm
+    manoeuvre_density: float = 0.5  # [m/s per sqrt(s)] in the turning and stopped modes, imm
+    manoeuvre_duration: float = 0.7  # [s], mean, of a turn or a stop, imm
+    straight_duration: float = 2.5  # [s], mean, between them, imm
+    stop_share: float = 0.1  # [-] of manoeuvres that are stops, imm
+    initial_speed_std: float = 1.0  # [m/s] per axis at the first sighting, constant-velocity and imm
+    iterate_spread: float = 0.2  # position spread per measured range, above which a return's update is iterated
     reinitialise_nis: float = math.inf  # NIS (2 dof) of a return above which the target starts anew from it
     reinitialise_spread: float = math.inf  # position spread per measured range, above which a labelled return does so
 
@@ -133,9 +144,14 @@ class TargetModel:
         _choice("TargetModel.kind", self.kind, _TARGET_KINDS)
         _check(
             self,
-            ("speed_std", "turn_std", "acceleration_density"),
-            ("initial_speed_std", "reinitialise_nis", "reinitialise_spread"),
-        )
+            ("speed_std", "turn_std", "acceleration_density", "manoeuvre_density", "stop_share"),
+            (
+                "velocity_time_constant", "manoeuvre_rate", "manoeuvre_duration", "straight_duration",
+                "initial_speed_std", "iterate_spread", "reinitialise_nis", "reinitialise_spread",
+            ),
+        )  # fmt: skip
+        if self.stop_share > 1.0:
+            raise ValueError(f"TargetModel.stop_share is at most 1; got {self.stop_share!r}")
 
     @property
     def coordinates(self) -> tuple[str, ...]:

@@ -13,7 +13,6 @@ from estimators.kernels.borrow import borrow
 from estimators.kernels.bound import LATER
 from estimators.kernels.gaussian import (
     ROBOT,
-    drift_velocity,
     move_heading_body,
     move_robot,
     nis_and_log_det,
@@ -23,6 +22,7 @@ from estimators.kernels.jit import inline, jit
 from estimators.kernels.left_looking import ROWS, collect, settle, spread
 from estimators.kernels.motion import calibrated, control_noise, control_std, displacement, unicycle, unicycle_noise
 from estimators.kernels.range_bearing import gradient, measure, noise_std
+from estimators.kernels.velocity_target import move_velocity_target
 from estimators.models import TWIST
 
 
@@ -48,7 +48,7 @@ def predict_target(mu, P, lane, n, model, target_known, pending, dt):
             advance_pending(pending, lane, model.target_speed * dt, model.target_turn_rate * dt)
         return
     if model.target_kind != TWIST:
-        drift_velocity(mu, P, lane, n, model.acceleration_density, dt)
+        move_velocity_target(mu, P, lane, n, model, dt)
         return
     speed, turn_rate, heading = model.target_speed, model.target_turn_rate, mu[lane, 5]
     dx, dy, turn = unicycle(speed, turn_rate, dt, heading)

@@ -12,6 +12,7 @@ from estimators.gaussian.anchor import A_T, ROUGH_NIS, STALE, TORN, has_shifted,
 from estimators.gaussian.growth import advance_pending, grow
 from estimators.gaussian.layout import Call, GaussianEstimator
 from estimators.gaussian.sweep import UNLIKELY, UNUSABLE, USED, associate, limit_of, note
+from estimators.gaussian.vague_target import FIRST
 from estimators.interface import Floats, Ints, Scan
 from estimators.kernels.angles import wrap
 from estimators.kernels.association import KNOWN, TARGET_SLOT
@@ -29,6 +30,7 @@ from estimators.kernels.jit import inline, jit
 from estimators.kernels.left_looking import ROWS, collect, settle, spread
 from estimators.kernels.motion import calibrated, control_noise, control_std, displacement, unicycle, unicycle_noise
 from estimators.kernels.range_bearing import gradient, measure, noise_std
+from estimators.kernels.velocity_target import bend, half_bend
 from estimators.models import TWIST
 
 
@@ -50,16 +52,22 @@ def predict_robot(mu, P, lane, n, model, anchor, v, w, dt):
 def predict_velocity_target(mu, P, lane, n, model, anchor, dt):
     """Constant velocity; the corrections of the anchor ride on the robot's heading.
 
-    Its column of F carries J(p_T,k+1|k - p_T,k|k-1 - dt v_T,k|k-1) and J(v_T,k+1|k - v_T,k|k-1). Called before the
+    Its column of F carries J(p_T,k+1|k - p_T,k|k-1 - dt v_T,k|k-1) and J(v_T,k+1|k - v_T,k|k-1), where v_T,k|k-1 has
+    been bent as the velocity is (`estimators.kernels.velocity_target`). Called before the
     robot's own noise is added: F acts on the covariance of the step's start.
     """
+    c, s = half_bend(model, dt)
+    bend(mu, P, lane, n, c, s)
+    vx, vy = anchor[lane, A_T + 2], anchor[lane, A_T + 3]
+    vx, vy = c * vx - s * vy, s * vx + c * vy
     drift_velocity(mu, P, lane, n, model.acceleration_density, dt)
-    away_x = mu[lane, 3] - anchor[lane, A_T] - dt * anchor[lane, A_T + 2]
-    away_y = mu[lane, 4] - anchor[lane, A_T + 1] - dt * anchor[lane, A_T + 3]
+    away_x = mu[lane, 3] - anchor[lane, A_T] - dt * vx
+    away_y = mu[lane, 4] - anchor[lane, A_T + 1] - dt * vy
     shear(P, lane, n, 3, 2, -away_y)
     shear(P, lane, n, 4, 2, away_x)
-    shear(P, lane, n, 5, 2, anchor[lane, A_T + 3] - mu[lane, 6])
-    shear(P, lane, n, 6, 2, mu[lane, 5] - anchor[lane, A_T + 2])
+    shear(P, lane, n, 5, 2, vy - mu[lane, 6])
+    shear(P, lane, n, 6, 2, mu[lane, 5] - vx)
+    bend(mu, P, lane, n, c, s)
 
 
 @inline
@@ -250,9 +258,17 @@ class FEJEKF(GaussianEstimator):
         self.anchor[lanes, :A_T] = self.mu[lanes, :A_T]
         self.anchor[lanes, A_T:] = self.mu[lanes, ROBOT : ROBOT + self.n_t]
 
+    def after_change(self, lanes: Ints) -> None:
+        """See `GaussianEstimator.after_change`: the target is linearised where it is now."""
+        self.anchor[lanes, A_T:] = self.mu[lanes, ROBOT : ROBOT + self.n_t]
+
     @property
     def _state_names(self) -> tuple[str, ...]:
         return (*super()._state_names, "anchor")
+
+    def linear_points(self) -> tuple[Floats, int, int]:
+        """See `GaussianEstimator.linear_points`."""
+        return self.anchor, A_T, FIRST
 
     def _prediction(self, control: Floats, dt: Floats) -> Call:
         return (

@@ -15,7 +15,6 @@ from estimators.kernels.bound import LATER
 from estimators.kernels.gaussian import (
     ROBOT,
     downdate,
-    drift_velocity,
     innovation_cov,
     move_heading_body,
     move_robot,
@@ -25,6 +24,7 @@ from estimators.kernels.gaussian import (
 from estimators.kernels.jit import inline, jit
 from estimators.kernels.motion import calibrated, control_noise, control_std, displacement, unicycle, unicycle_noise
 from estimators.kernels.range_bearing import gradient, measure, noise_std, offset, offset_noise
+from estimators.kernels.velocity_target import move_velocity_target
 from estimators.models import TWIST
 
 
@@ -53,7 +53,7 @@ def predict_target(mu, P, lane, n, model, target_known, pending, truth, past, dt
             advance_pending(pending, lane, model.target_speed * dt, model.target_turn_rate * dt)
         return
     if model.target_kind != TWIST:
-        drift_velocity(mu, P, lane, n, model.acceleration_density, dt)
+        move_velocity_target(mu, P, lane, n, model, dt)
         return
     speed, turn_rate, heading = model.target_speed, model.target_turn_rate, mu[lane, 5]
     dx, dy, turn = unicycle(speed, turn_rate, dt, heading)
@@ -220,6 +220,9 @@ class IdealEKF(GaussianEstimator, TruthAware):
         self.true_pose[...] = pose
         self.true_target[...] = target
         self.landmarks = np.ascontiguousarray(landmarks, dtype=np.float64)
+        if self.bank is not None and self.bank.members is not None:
+            size = self.bank.size
+            self.bank.members.set_truth(*(np.repeat(array, size, 0) for array in (pose, target, landmarks)))
 
     def bound_calls(self, control: Floats, dt: Floats, scan: Scan) -> BoundCalls | None:
         """None: the truth comes in arrays that change."""

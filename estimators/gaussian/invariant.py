@@ -12,6 +12,7 @@ from estimators.gaussian.ekf import predict
 from estimators.gaussian.growth import grow
 from estimators.gaussian.layout import Call, GaussianEstimator
 from estimators.gaussian.sweep import UNLIKELY, UNUSABLE, USED, associate, limit_of, note
+from estimators.gaussian.vague_target import TURNING
 from estimators.interface import Floats, Scan
 from estimators.kernels.angles import wrap
 from estimators.kernels.association import KNOWN, TARGET_SLOT
@@ -217,6 +218,10 @@ class RIEKF(GaussianEstimator):
 
     name: ClassVar[str] = "ri-ekf"
     summary: ClassVar[str] = "right-invariant EKF: consistent at an EKF's cost"
+
+    def linear_points(self) -> tuple[Floats, int, int]:
+        """See `GaussianEstimator.linear_points`."""
+        return self.mu, ROBOT, TURNING
 
     def _prediction(self, control: Floats, dt: Floats) -> Call:
         return (

@@ -19,6 +19,7 @@ from estimators.gaussian.layout import Call, GaussianEstimator
 from estimators.gaussian.sigma_point import GAUSSIAN_STEP
 from estimators.gaussian.sweep import UNLIKELY, UNUSABLE, USED, associate, limit_of, note
 from estimators.gaussian.taylor_net import fit_net, from_beam, root_of, seen, slopes, to_beam, turned
+from estimators.gaussian.vague_target import TURNING
 from estimators.interface import Floats, Scan
 from estimators.kernels.angles import wrap
 from estimators.kernels.association import KNOWN, TARGET_SLOT
@@ -157,6 +158,10 @@ class _OverTheSpread(GaussianEstimator):
 
     h: float = NET
 
+    def linear_points(self) -> tuple[Floats, int, int]:
+        """See `GaussianEstimator.linear_points`."""
+        return self.mu, ROBOT, TURNING
+
     def _prediction(self, control: Floats, dt: Floats) -> Call:
         return (
             predict, self.mu, self.P, self.models, self.n_t, self.count, self.target_known, self.pending, control, dt,
@@ -217,6 +222,9 @@ class RICDKF(_OverTheSpread):
         if not 0.0 < h < math.inf:
             raise ValueError(f"h must be a positive number of standard deviations (sqrt(3) for Gaussians); got {h!r}")
         self.h = float(h)
+
+    def _own_options(self) -> dict[str, Any]:
+        return {"h": self.h}
 
 
 class RITaylorEKF(_OverTheSpread):

@@ -12,7 +12,7 @@ A filter adds two kernels, `_prediction` and `_correction`. The state:
 """
 
 import math
-from typing import Any, ClassVar, Literal
+from typing import Any, ClassVar, Literal, Self
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -20,7 +20,7 @@ from numpy.typing import ArrayLike
 from estimators.gaussian.belief import fill_core, fill_map
 from estimators.gaussian.existence import hide_doubtful, revise_map
 from estimators.gaussian.sweep import COUNTERS
-from estimators.gaussian.vague_target import forget_vague
+from estimators.gaussian.vague_target import AT_MEAN, sort_out, take_back
 from estimators.interface import Belief, BoundCalls, Estimator, Floats, Ints, Scan
 from estimators.kernels.association import JCBB, KNOWN, NEAREST
 from estimators.kernels.bound import LATER, bind, chain
@@ -36,6 +36,7 @@ NEW_GATE = 25.0  # NIS beyond which an unlabelled return is a landmark of its ow
 Call = tuple[Any, ...]
 """A kernel and its arguments, `LATER` in the place of the lanes."""
 
+_FIRST_HEADINGS = ("gaussian-sum", "two-sightings")
 _ASSOCIATIONS = {"known": KNOWN, "nearest": NEAREST, "jcbb": JCBB}
 _STATE = ("mu", "P", "count", "ids", "first", "next_id", "target_known", "pending", "counters", "last_dt", "models")
 
@@ -56,6 +57,9 @@ class GaussianEstimator(Estimator):
         remove_below: "nearest" and "jcbb": probability of existence below which a landmark is removed, and with which
             false alarms are kept out of the belief (`kernels.existence`); 0 keeps and shows everything.
         budget: largest number of landmarks kept; beyond it the least valuable are marginalised. None: no budget.
+        first_heading: what to make of a twist target seen for the first time: "gaussian-sum", eight headings, known at
+            once (`estimators.gaussian.first_heading`; labelled returns only); "two-sightings", unknown until a chord
+            tells its heading.
     """
 
     extra_states: ClassVar[int] = 0  # rows between the target and the map
@@ -74,6 +78,7 @@ class GaussianEstimator(Estimator):
         new_gate: float = NEW_GATE,
         remove_below: float = REMOVE_BELOW,
         budget: int | None = None,
+        first_heading: Literal["gaussian-sum", "two-sightings"] = "gaussian-sum",
     ) -> None:
         super().__init__(motion, sensor, target, num_lanes=num_lanes, max_landmarks=max_landmarks)
         if association not in _ASSOCIATIONS:
@@ -84,13 +89,17 @@ class GaussianEstimator(Estimator):
         if new_gate < match_gate:
             raise ValueError(f"new_gate must be at least match_gate ({match_gate}); got {new_gate}")
         check_remove_below(remove_below)
-        self.association = association
+        if first_heading not in _FIRST_HEADINGS:
+            choices = ", ".join(map(repr, _FIRST_HEADINGS))
+            raise ValueError(f"first_heading must be one of {choices}; got {first_heading!r}")
+        self.association, self.first_heading = association, first_heading
         self.remove_below = 0.0 if association == "known" else float(remove_below)
         self.association_code = _ASSOCIATIONS[association]
         joint = joint_gates(match_gate, max_landmarks + 1) if self.association_code == JCBB else ()
         self.gates: Floats = np.array([gate, match_gate, new_gate, *joint])
         self._allocate()
         self.budget = self._make_budget(budget)
+        self.bank = self._make_bank()
 
     def _allocate(self) -> None:
         L, M = self.num_lanes, self.max_landmarks
@@ -125,6 +134,32 @@ class GaussianEstimator(Estimator):
 
         return LandmarkBudget(self, budget)
 
+    def _make_bank(self) -> Any:
+        kind, labelled = self.target.kind if self.target is not None else None, self.association_code == KNOWN
+        if kind == "imm":
+            if not labelled:
+                raise ValueError(f'a target of kind "imm" needs association="known"; got {self.association!r}')
+            from estimators.gaussian.manoeuvres import ManoeuvreBank
+
+            return ManoeuvreBank(self)
+        if kind == "twist" and labelled and self.first_heading == "gaussian-sum":
+            from estimators.gaussian.first_heading import HeadingBank
+
+            return HeadingBank(self)
+        return None
+
+    def like(self, num_lanes: int, target: TargetModel | None) -> Self:
+        """Another filter of the same class and options that goes by labels and keeps no hypotheses."""
+        return type(self)(
+            self.motion, self.sensor, target, num_lanes=num_lanes, max_landmarks=self.max_landmarks,
+            gate=float(self.gates[0]), budget=None if self.budget is None else self.budget.limit,
+            first_heading="two-sightings", **self._own_options(),
+        )  # fmt: skip
+
+    def _own_options(self) -> dict[str, Any]:
+        """Options beyond those of the family, for `like`."""
+        return {}
+
     def reset(
         self,
         pose: ArrayLike,
@@ -153,10 +188,20 @@ class GaussianEstimator(Estimator):
         if self.budget is not None:
             self.budget.reset(chosen)
         self._after_reset(chosen)
+        if self.bank is not None:
+            self.bank.close(chosen)
+            self.bank.admit(chosen)
         self.belief.mark_stale()
 
     def _after_reset(self, lanes: Ints) -> None:
         """A filter's own state, after the common part was reset."""
+
+    def after_change(self, lanes: Ints) -> None:
+        """The target's mean was set from outside: what a filter keeps beside it follows."""
+
+    def linear_points(self) -> tuple[Floats, int, int]:
+        """Where robot and target are linearised: an array, the target's first column in it, the kind of filter."""
+        return self.mu, ROBOT, AT_MEAN
 
     def predict(self, control: Floats, dt: float | Floats, *, lanes: Ints | None = None) -> None:
         """See `Estimator.predict`."""
@@ -168,18 +213,28 @@ class GaussianEstimator(Estimator):
             step = self._dt
         else:
             step = np.array(np.broadcast_to(np.asarray(dt, dtype=np.float64), (self.num_lanes,)))
-        _run(self._prediction(control, step), self.all_lanes if lanes is None else lanes)
+        chosen = self.all_lanes if lanes is None else lanes
+        if self.bank is not None:
+            chosen = self.bank.predict(control, step, chosen)
+        _run(self._prediction(control, step), chosen)
         self.belief.mark_stale()
 
     def update(self, scan: Scan, *, lanes: Ints | None = None) -> None:
         """See `Estimator.update`."""
         self.make_room(scan.ranges.shape[1])
+        chosen = self.all_lanes if lanes is None else lanes
+        if self.bank is not None:
+            chosen = self.bank.update(scan, chosen)
         for call in self._corrections(scan):
-            _run(call, self.all_lanes if lanes is None else lanes)
+            _run(call, chosen)
+        if self.bank is not None:
+            self.bank.admit(chosen)
         self.belief.mark_stale()
 
     def bound_calls(self, control: Floats, dt: Floats, scan: Scan) -> BoundCalls | None:
         """See `Estimator.bound_calls`."""
+        if self.bank is not None:
+            return None
         self.make_room(scan.ranges.shape[1])
         return BoundCalls(
             bind(*self._prediction(control, dt)),
@@ -189,8 +244,8 @@ class GaussianEstimator(Estimator):
 
     def make_room(self, width: int) -> None:
         """Give the scratch of an association room for sweeps of that width."""
-        if width > self.slots.shape[1]:
-            self.slots = np.zeros((self.num_lanes, width), dtype=np.int64)
+        if width >= self.slots.shape[1]:
+            self.slots = np.zeros((self.num_lanes, width + 1), dtype=np.int64)  # a column more: `sweep.WITHHELD`
             joint = self.association_code == JCBB
             shape = scratch_shape(width, self.max_landmarks) if joint else (width, self.max_landmarks + 1)
             self.cost = np.zeros(shape)
@@ -199,11 +254,17 @@ class GaussianEstimator(Estimator):
         """What an update consists of, in order."""
         calls = [self._correction(scan)]
         if self.n_t > 0:
-            vague = (
-                forget_vague, self.mu, self.P, self.models, self.n_t, self.count, self.target_known, self.pending,
-                self.counters, scan.ranges, scan.labels, scan.count, LATER,
+            points, at, kind = self.linear_points()
+            first = (
+                sort_out, self.mu, self.P, self.models, self.n_t, self.count, self.target_known, self.pending,
+                self.counters, self.slots, points, at, float(self.gates[0]), scan.ranges, scan.bearings, scan.labels,
+                scan.count, LATER,
             )  # fmt: skip
-            calls.insert(0, vague)
+            last = (
+                take_back, self.mu, self.P, self.work, self.models, self.n_t, self.count, self.slots, points, at, kind,
+                scan.ranges, scan.bearings, scan.labels, scan.count, LATER,
+            )  # fmt: skip
+            calls = [first, *calls, last]
         if self.remove_below > 0.0:
             revision = (
                 revise_map, self.mu, self.P, self.models, self.n_t, self.count, self.ids, self.first, self.counters,
@@ -223,10 +284,17 @@ class GaussianEstimator(Estimator):
         """The filter's update; leaves each return's slot in `slots`."""
         raise NotImplementedError
 
+    def _refresh(self) -> None:
+        """Mean and covariance as they are now, where a bank has moved its members."""
+        if self.bank is not None:
+            self.bank.refresh()
+
     def _fill_core(self, buffers: dict[str, Any]) -> None:
+        self._refresh()
         self._core()
 
     def _fill_map(self, buffers: dict[str, Any]) -> None:
+        self._refresh()
         self._map()
 
     @property
@@ -237,6 +305,7 @@ class GaussianEstimator(Estimator):
 
     def joint(self, lane: int) -> tuple[Floats, Floats]:
         """Mean [n] and covariance [n, n] over robot, target (where it is known) and mapped landmarks, as copies."""
+        self._refresh()
         skip = 0 if self.target_known[lane] else self.n_t
         rows = np.arange(ROBOT + self.n_t + self.extra_states + 2 * self.count[lane])
         rows = rows[(rows < ROBOT) | (rows >= ROBOT + skip)]
@@ -252,6 +321,8 @@ class GaussianEstimator(Estimator):
         state: dict[str, Any] = {name: getattr(self, name).copy() for name in self._state_names}
         if self.budget is not None:
             state["budget"] = self.budget.get_state()
+        if self.bank is not None:
+            state["bank"] = self.bank.get_state()
         return state
 
     def set_state(self, state: dict[str, Any]) -> None:
@@ -260,6 +331,8 @@ class GaussianEstimator(Estimator):
             getattr(self, name)[...] = state[name]
         if self.budget is not None:
             self.budget.set_state(state["budget"])
+        if self.bank is not None:
+            self.bank.set_state(state["bank"])
         self.belief.mark_stale()
 
 

@@ -32,10 +32,11 @@ from estimators.interface import Floats, Scan
 from estimators.kernels.angles import wrap
 from estimators.kernels.association import KNOWN, NEW, TARGET_SLOT, slot_of
 from estimators.kernels.bound import LATER
-from estimators.kernels.gaussian import ROBOT, drift_velocity, nis_and_log_det, rows_in_use
+from estimators.kernels.gaussian import ROBOT, nis_and_log_det, rows_in_use
 from estimators.kernels.jit import inline, jit
 from estimators.kernels.motion import calibrated, control_std
 from estimators.kernels.range_bearing import noise_std, offset, offset_noise
+from estimators.kernels.velocity_target import move_velocity_target
 from estimators.models import TWIST, MotionModel, SensorModel, TargetModel
 
 GAUSSIAN_STEP = math.sqrt(3.0)  # h, Tian et al. 2010: matches the fourth moment of a Gaussian
@@ -73,7 +74,7 @@ def predict(mu, P, models, n_t, count, target_known, pending, control, dt, last_
             move_body(mu, P, lane, n, j, kind, model, v, w, sv, sw, step, rule, C, D1, D2, E)
         if n_t > 0 and bodies == 1:
             if target_known[lane]:
-                drift_velocity(mu, P, lane, n, model.acceleration_density, step)
+                move_velocity_target(mu, P, lane, n, model, step)
             elif pending[lane, 0] > 0.0:
                 advance_pending(pending, lane, model.target_speed * step, model.target_turn_rate * step)
         last_dt[lane] = step
@@ -242,3 +243,6 @@ class CDKF(SigmaPointFilter):
         self.h = float(h)
         square = self.h * self.h
         self.rule[:] = self.h, (square - 1.0) / (square * square), 0.0
+
+    def _own_options(self) -> dict[str, Any]:
+        return {"h": self.h}

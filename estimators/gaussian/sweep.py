@@ -1,6 +1,6 @@
 """What every filter's update shares: association before it, and the book-keeping of returns that were not used."""
 
-from estimators.kernels.association import DROPPED, JCBB, NEAREST, nearest, slot_by_label
+from estimators.kernels.association import DROPPED, JCBB, NEAREST, TARGET_SLOT, nearest, slot_by_label
 from estimators.kernels.gaussian import ROBOT, clear_rows
 from estimators.kernels.jit import inline
 from estimators.kernels.joint_compatibility import jcbb
@@ -16,6 +16,7 @@ COUNTERS = (
 )
 GATE_REJECTED, NOT_POSITIVE, OVERFLOW, REINITIALISED, DROPPED_RETURN, SEARCH_CUT, REMOVED = range(len(COUNTERS))
 
+WITHHELD = -5  # in the last column of `slots`: the target's returns are taken by themselves; and the slot they then get
 USED, UNUSABLE, UNLIKELY = 0, 1, 2  # what became of a return
 
 
@@ -44,9 +45,12 @@ def associate(
             slots[lane, k] = slot_by_label(
                 ids, lane, count[lane], labels[lane, k], ranges[lane, k], bearings[lane, k], n_t > 0
             )
+    withheld = slots[lane, slots.shape[1] - 1] == WITHHELD
     for k in range(num_returns):
         if slots[lane, k] == DROPPED:
             counters[lane, DROPPED_RETURN] += 1
+        elif withheld and slots[lane, k] == TARGET_SLOT:
+            slots[lane, k] = WITHHELD
 
 
 @inline

@@ -62,3 +62,7 @@ class UKF(SigmaPointFilter):
             raise ValueError(f"kappa must be above -{VARIABLES}, the number of variables; got {kappa!r}")
         lam = alpha * alpha * (VARIABLES + kappa)
         self.rule[:] = math.sqrt(lam), 1.0 / lam, beta - alpha * alpha
+        self._chosen = {"alpha": alpha, "beta": beta, "kappa": kappa}
+
+    def _own_options(self) -> dict[str, Any]:
+        return self._chosen

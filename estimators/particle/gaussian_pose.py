@@ -142,6 +142,7 @@ def condition_on_point(
     fit_point(
         mx, my, seen[0], seen[1], seen[2], terms, pose[0], pose[1], scratch[0], scratch[1], distance,
         math.cos(bearing), math.sin(bearing), range_std * range_std, bearing_std * bearing_std,
+        model.iterate_spread,
     )  # fmt: skip
     if gate < math.inf:
         outside = 0.0

@@ -130,6 +130,7 @@ def _begin_return(
         fit_point(
             target[g, 0], target[g, 1], p00, p01, p11, terms, pose[0], pose[1], scratch[0], scratch[1], distance,
             math.cos(bearing), math.sin(bearing), range_std * range_std, bearing_std * bearing_std,
+            model.iterate_spread,
         )  # fmt: skip
         for p in range(slot.size):
             nis = terms[5, p]

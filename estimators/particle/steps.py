@@ -21,6 +21,7 @@ from estimators.particle.target import (
     apply_terms,
     fit_point,
     gather_terms,
+    is_too_vague,
     position_rows,
     settle,
     share_out,
@@ -167,19 +168,20 @@ def take_target(lane, distance, bearing, model, state, pose, target, log_hypothe
     var_r, var_b = range_std * range_std, bearing_std * bearing_std
     cb, sb = math.cos(bearing), math.sin(bearing)
     hypotheses = state[lane].hypotheses
-    restart = False
-    if hypotheses > 0 and model.reinitialise_nis < math.inf:
+    restart = is_too_vague(target, log_hypothesis, hypotheses, w, model.reinitialise_spread * distance)
+    if hypotheses > 0 and not restart and model.reinitialise_nis < math.inf:
         outside = 0.0
         for g in range(hypotheses):
             p00, p01, p11 = position_rows(target[g])
             fit_point(
-                target[g, 0], target[g, 1], p00, p01, p11, terms, x, y, cosine, sine, distance, cb, sb, var_r, var_b
-            )
+                target[g, 0], target[g, 1], p00, p01, p11, terms, x, y, cosine, sine, distance, cb, sb, var_r, var_b,
+                model.iterate_spread,
+            )  # fmt: skip
             for p in range(w.size):
                 share = w[p] * math.exp(log_hypothesis[g, p])
                 outside += 0.0 if terms[5, p] <= model.reinitialise_nis else share
         restart = outside > 0.5
-        state[lane].target_restarts += restart
+    state[lane].target_restarts += restart
     if hypotheses == 0 or restart:
         state[lane].hypotheses = start_target(
             target, log_hypothesis, model, x, y, cosine, sine, distance, cb, sb, var_r, var_b
@@ -188,7 +190,10 @@ def take_target(lane, distance, bearing, model, state, pose, target, log_hypothe
     n_t = 3 if model.target_kind == TWIST else 4
     for g in range(hypotheses):
         p00, p01, p11 = position_rows(target[g])
-        fit_point(target[g, 0], target[g, 1], p00, p01, p11, terms, x, y, cosine, sine, distance, cb, sb, var_r, var_b)
+        fit_point(
+            target[g, 0], target[g, 1], p00, p01, p11, terms, x, y, cosine, sine, distance, cb, sb, var_r, var_b,
+            model.iterate_spread,
+        )  # fmt: skip
         apply_terms(target[g], n_t, terms, work)
         if hypotheses == 1:
             gather_terms(terms, likelihood)

@@ -10,14 +10,13 @@ import math
 import numpy as np
 
 from estimators.kernels.elementary import log, sincos, wrap_smooth
+from estimators.kernels.iterated import linearised, refine
 from estimators.kernels.jit import inline, jit
 from estimators.models import TWIST
 from estimators.particle.columns import beam_cov, fit
 from estimators.particle.layout import HEADINGS
 
 SETTLED = 0.98  # mean length of the particles' resultant direction above which the hypotheses are merged
-LOST_RATIO = 0.2  # position deviation over distance above which an update is iterated
-ITERATIONS = 10
 
 
 @jit
@@ -122,14 +121,31 @@ def position_rows(rows):
 
 
 @jit
-def fit_point(tx, ty, p00, p01, p11, terms, x, y, cosine, sine, distance, cb, sb, var_r, var_b):
+def is_too_vague(target, log_hypothesis, hypotheses, w, limit):
+    """Whether the target's position spreads beyond `limit` [m]: root of the summed variances over the mixture."""
+    if hypotheses == 0 or limit == math.inf:
+        return False
+    m0, m1, square = 0.0, 0.0, 0.0
+    x0, y0 = target[0, 0, 0], target[0, 1, 0]
+    for g in range(hypotheses):
+        p00, _, p11 = position_rows(target[g])
+        for p in range(w.size):
+            share = w[p] * math.exp(log_hypothesis[g, p])
+            dx, dy = target[g, 0, p] - x0, target[g, 1, p] - y0
+            m0, m1 = m0 + share * dx, m1 + share * dy
+            square += share * (p00[p] + p11[p] + dx * dx + dy * dy)
+    return square - m0 * m0 - m1 * m1 > limit * limit
+
+
+@jit
+def fit_point(tx, ty, p00, p01, p11, terms, x, y, cosine, sine, distance, cb, sb, var_r, var_b, spread):
     """`fit` of a return against one point in every particle, all rows [N]. terms: [7, N], written (see `fit`).
 
-    Where the position is uncertain against the distance, the update is iterated: Gauss-Newton on the position, whose
+    Where the position's deviation is above `spread` times the distance, the update is iterated: Gauss-Newton on the position, whose
     last linearisation gives the terms.
     """
     t0, t1, t2, t3, t4, t5, t6 = terms[0], terms[1], terms[2], terms[3], terms[4], terms[5], terms[6]
-    limit = (LOST_RATIO * distance) ** 2
+    limit = (spread * distance) ** 2
     lost = False
     for p in range(x.size):
         beam_x, beam_y = cb * cosine[p] - sb * sine[p], sb * cosine[p] + cb * sine[p]
@@ -148,37 +164,18 @@ def fit_point(tx, ty, p00, p01, p11, terms, x, y, cosine, sine, distance, cb, sb
 
 @jit
 def _iterate(dx, dy, p00, p01, p11, distance, beam_x, beam_y, var_r, var_b):
-    """Terms of the iterated update: linearised where the posterior is, started from the return itself.
-
-    Linearised at e, the innovation against the prior mean d is z - h(e) - A (d - e). Shifting the measured point
-    by the linear part would not be exact, so S, A and the innovation are formed here as the textbook writes them.
-    """
-    ex, ey = distance * beam_x, distance * beam_y
-    b0, b1, a00, a01, a11, nis, det = fit(dx, dy, p00, p01, p11, distance, beam_x, beam_y, var_r, var_b)
-    for _ in range(ITERATIONS):
-        square = ex * ex + ey * ey
-        r = math.sqrt(square)
-        ux, uy = ex / r, ey / r
-        vx, vy = -ey / square, ex / square
-        turn = math.atan2(ux * beam_y - uy * beam_x, ux * beam_x + uy * beam_y)
-        nu_r = distance - r - (ux * (dx - ex) + uy * (dy - ey))
-        nu_b = turn - (vx * (dx - ex) + vy * (dy - ey))
-        f0, f1 = p00 * ux + p01 * uy, p01 * ux + p11 * uy
-        g0, g1 = p00 * vx + p01 * vy, p01 * vx + p11 * vy
-        s00, s01, s11 = ux * f0 + uy * f1 + var_r, ux * g0 + uy * g1, vx * g0 + vy * g1 + var_b
-        det = s00 * s11 - s01 * s01
-        i00, i01, i11 = s11 / det, -s01 / det, s00 / det
-        e0, e1 = i00 * nu_r + i01 * nu_b, i01 * nu_r + i11 * nu_b
-        b0, b1 = ux * e0 + vx * e1, uy * e0 + vy * e1
-        nis = nu_r * e0 + nu_b * e1
-        a00 = ux * (i00 * ux + i01 * vx) + vx * (i01 * ux + i11 * vx)
-        a01 = ux * (i00 * uy + i01 * vy) + vx * (i01 * uy + i11 * vy)
-        a11 = uy * (i00 * uy + i01 * vy) + vy * (i01 * uy + i11 * vy)
-        step_x, step_y = dx + p00 * b0 + p01 * b1 - ex, dy + p01 * b0 + p11 * b1 - ey
-        ex, ey = ex + step_x, ey + step_y
-        if step_x * step_x + step_y * step_y < 1e-18 * square:
-            break
-    return b0, b1, a00, a01, a11, nis, det
+    """Terms (see `fit`) of the iterated update, linearised where the posterior is."""
+    ex, ey = refine(dx, dy, p00, p01, p11, distance, beam_x, beam_y, var_r, var_b)
+    ux, uy, vx, vy, nu_r, nu_b, s00, s01, s11 = linearised(
+        ex, ey, dx, dy, p00, p01, p11, distance, beam_x, beam_y, var_r, var_b
+    )
+    det = s00 * s11 - s01 * s01
+    i00, i01, i11 = s11 / det, -s01 / det, s00 / det
+    e0, e1 = i00 * nu_r + i01 * nu_b, i01 * nu_r + i11 * nu_b
+    a00 = ux * (i00 * ux + i01 * vx) + vx * (i01 * ux + i11 * vx)
+    a01 = ux * (i00 * uy + i01 * vy) + vx * (i01 * uy + i11 * vy)
+    a11 = uy * (i00 * uy + i01 * vy) + vy * (i01 * uy + i11 * vy)
+    return ux * e0 + vx * e1, uy * e0 + vy * e1, a00, a01, a11, nu_r * e0 + nu_b * e1, det
 
 
 @jit

@@ -33,10 +33,17 @@ WRONG = [
     (SensorModel, {"field_of_view": 7.0}, "SensorModel.field_of_view is at most 2 pi rad; got 7.0"),
     (SensorModel, {"detection_probability": 1.5}, "SensorModel.detection_probability is at most 1; got 1.5"),
     (SensorModel, {"clutter_rate": -1.0}, "SensorModel.clutter_rate must be a number that is zero or more"),
-    (TargetModel, {"kind": "walker"}, "TargetModel.kind must be one of 'twist', 'constant-velocity'; got 'walker'"),
+    (
+        TargetModel,
+        {"kind": "walker"},
+        "TargetModel.kind must be one of 'twist', 'constant-velocity', 'imm'; got 'walker'",
+    ),
     (TargetModel, {"acceleration_density": -1.0}, "TargetModel.acceleration_density must be"),
     (TargetModel, {"initial_speed_std": 0.0}, "TargetModel.initial_speed_std must be a number that is positive"),
     (TargetModel, {"reinitialise_spread": -1.0}, "TargetModel.reinitialise_spread must be a number that is positive"),
+    (TargetModel, {"iterate_spread": 0.0}, "TargetModel.iterate_spread must be a number that is positive"),
+    (TargetModel, {"velocity_time_constant": 0.0}, "TargetModel.velocity_time_constant must be"),
+    (TargetModel, {"stop_share": 1.5}, "TargetModel.stop_share is at most 1; got 1.5"),
     (TargetModel, {"reinitialise_nis": 0.0}, "TargetModel.reinitialise_nis must be a number that is positive"),
 ]
 

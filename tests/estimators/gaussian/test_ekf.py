@@ -8,6 +8,7 @@ from estimators.models import MotionModel, SensorModel, TargetModel
 from estimators.testing import checks
 
 TWIST = TargetModel(kind="twist", speed=0.3, turn_rate=0.1, speed_std=0.1, turn_std=0.1)
+CHORD = {"first_heading": "two-sightings"}
 PRIOR_COV = np.diag([0.02, 0.02, 0.01])
 
 
@@ -147,7 +148,7 @@ def test_an_impossible_return_starts_the_target_anew():
 @pytest.mark.parametrize(("speed", "turn_rate"), [(1.0, 0.6), (-1.0, 0.0), (1.0, 0.0)])
 def test_twist_target_starts_from_two_sightings(speed, turn_rate):
     model = TargetModel(kind="twist", speed=speed, turn_rate=turn_rate, speed_std=0.0, turn_std=0.0)
-    estimator = EKF(MotionModel(speed_std=0.0, turn_std=0.0), SensorModel(), model, max_landmarks=1)
+    estimator = EKF(MotionModel(speed_std=0.0, turn_std=0.0), SensorModel(), model, max_landmarks=1, **CHORD)
     estimator.reset(np.zeros(3), np.zeros((3, 3)), seeds=[0])
     x, y, heading = 2.0, 1.0, -2.0
     estimator.update(scan_of((np.hypot(x, y), np.arctan2(y, x), TARGET)))
@@ -167,7 +168,7 @@ def test_heading_of_the_chord_against_sampling():
     rng, draws = np.random.default_rng(1), 40_000
     model = TargetModel(kind="twist", speed=1.0, turn_rate=0.0, speed_std=0.0, turn_std=0.0)
     sensor, pose_cov = SensorModel(range_std=0.02, bearing_std=0.005), np.diag([0.01, 0.01, 4e-4])
-    estimator = EKF(MotionModel(speed_std=0.0, turn_std=0.0), sensor, model, max_landmarks=1)
+    estimator = EKF(MotionModel(speed_std=0.0, turn_std=0.0), sensor, model, max_landmarks=1, **CHORD)
     estimator.reset(np.zeros(3), pose_cov, seeds=[0])
     estimator.update(scan_of((3.0, 0.2, TARGET)))
     for _ in range(10):
@@ -188,7 +189,7 @@ def test_heading_of_the_chord_against_sampling():
 
 def test_a_target_that_does_not_move_starts_in_the_end():
     model = TargetModel(kind="twist", speed=0.0, turn_rate=0.0)
-    estimator = EKF(MotionModel(), SensorModel(), model, max_landmarks=1)
+    estimator = EKF(MotionModel(), SensorModel(), model, max_landmarks=1, **CHORD)
     estimator.reset(np.zeros(3), np.zeros((3, 3)), seeds=[0])
     rng = np.random.default_rng(0)
     for _ in range(25):

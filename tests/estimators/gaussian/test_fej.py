@@ -134,7 +134,7 @@ def test_first_twist_sightings_keep_the_directions():
     recording = record(1, 30)
     slow = MotionModel(speed_std=0.0, turn_std=0.0)
     exact = SensorModel(range_std=1e-6, bearing_std=1e-6, max_range=SENSOR.max_range)
-    estimator = FEJEKF(slow, exact, TWIST, max_landmarks=8)
+    estimator = FEJEKF(slow, exact, TWIST, max_landmarks=8, first_heading="two-sightings")
     estimator.reset(recording.start, np.diag([0.0, 0.0, 1e-2]), seeds=[0])
     for step in recording.steps[:20]:
         estimator.predict(step.control, DT)
