@@ -1,9 +1,9 @@
 """A bank: several copies of a filter side by side, each under one hypothesis about the target; one Gaussian to the eye.
 
 Composition, not a filter of its own: the members are lanes of a second filter of the owner's class, so every filter of
-the family can carry hypotheses, with its own linearisation, association's outcome and landmark budget. Each member holds
-a whole joint Gaussian, so the target's cross covariances with robot and landmarks are those of its hypothesis. While a
-lane is open, the owner's mean and covariance are the mixture's moments; when it is closed, the owner goes on from them.
+the family can carry hypotheses, with its own linearisation and landmark budget. Each member holds a whole joint
+Gaussian, so the target's cross covariances with robot and landmarks are those of its hypothesis. While a lane is open,
+the owner's mean and covariance are the mixture's moments; when it is closed, the owner goes on from them.
 
 A prediction costs O(n) per member, as ever; a sweep an update per member and the moments, O(n^2) each.
 """
@@ -59,8 +59,9 @@ class Bank(ABC):
     def _tell_apart(self, lanes: Ints) -> None:
         """Give the members of freshly opened lanes their hypotheses and weights."""
 
+    @abstractmethod
     def _switch(self, members: "GaussianEstimator", lanes: Ints) -> None:
-        """What happens to the hypotheses themselves before a sweep; nothing, unless they change with time."""
+        """What happens to the hypotheses themselves between two sweeps."""
 
     def _settled(self, lanes: Ints) -> Ints:
         """Which of these open lanes one Gaussian describes well enough for good."""
@@ -107,7 +108,7 @@ class Bank(ABC):
         return lanes[~is_open]
 
     def update(self, scan: Scan, lanes: Ints) -> Ints:
-        """Take a sweep in open lanes; the lanes that are left to the owner, those whose target starts anew among them."""
+        """Take a sweep in open lanes; the lanes left to the owner, those whose target starts anew among them."""
         is_open = self.open[lanes]
         members = self.members
         if members is None or not is_open.any():
@@ -124,10 +125,7 @@ class Bank(ABC):
         if anew.size:
             self._start_anew(anew)
             chosen = chosen[~self._restart[chosen]]
-        repeated = (
-            np.repeat(a, self.size, 0) for a in (scan.ranges, scan.bearings, scan.labels, scan.count, scan.complete)
-        )
-        members.update(Scan(*repeated), lanes=self.rows(chosen))
+        members.update(_repeated(scan, self.size), lanes=self.rows(chosen))
         self._take_moments(chosen)
         self.close(self._settled(chosen))
         return np.concatenate([lanes[~is_open], anew])
@@ -175,6 +173,14 @@ class Bank(ABC):
             getattr(self, name)[...] = state[name]
         if state["members"] is not None:
             self._grown().set_state(state["members"])
+
+
+def _repeated(scan: Scan, size: int) -> Scan:
+    """Every lane's sweep as often as it has members."""
+    return Scan(
+        np.repeat(scan.ranges, size, 0), np.repeat(scan.bearings, size, 0), np.repeat(scan.labels, size, 0),
+        np.repeat(scan.count, size), np.repeat(scan.complete, size),
+    )  # fmt: skip
 
 
 def _arrays(one: "GaussianEstimator") -> list[Any]:

@@ -47,6 +47,9 @@ class HeadingBank(Bank):
         members.after_change(rows)
         self.w[lanes] = 1.0 / self.size
 
+    def _switch(self, members: "GaussianEstimator", lanes: Ints) -> None:
+        """Nothing: a target keeps to the hypothesis that it started under."""
+
     def _settled(self, lanes: Ints) -> Ints:
         members = self._grown()
         rows = self.rows(lanes).reshape(-1, self.size)

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from estimators.gaussian.bank import Bank
 from estimators.gaussian.mixture import exchange
 from estimators.interface import Floats, Ints
-from estimators.models import CONSTANT_VELOCITY
+from estimators.models import CONSTANT_VELOCITY, TargetModel
 
 if TYPE_CHECKING:
     from estimators.gaussian.layout import GaussianEstimator
@@ -39,8 +39,8 @@ class ManoeuvreBank(Bank):
         )
 
     def _build(self) -> "GaussianEstimator":
-        own = self.owner
-        return own.like(own.num_lanes * self.size, replace(own.target, kind="constant-velocity"))
+        own, model = self.owner, self.owner.target or TargetModel()
+        return own.like(own.num_lanes * self.size, replace(model, kind="constant-velocity"))
 
     def _candidates(self, lanes: Ints) -> Ints:
         return lanes[self.owner.target_known[lanes]]
@@ -84,9 +84,9 @@ def _kinds(models: NDArray[np.void]) -> tuple[Floats, Floats, Floats]:
 def transition(models: NDArray[np.void], elapsed: Floats) -> Floats:
     """[n, MODES, MODES] chance to go from one mode to another within `elapsed` [n] seconds.
 
-    Straight stretches and manoeuvres last for exponential times; after a manoeuvre comes a straight stretch. With p the
-    share of straight going in the long run and lam = 1 / straight + 1 / manoeuvre, the two-state chain is solved exactly; which
-    manoeuvre it is, is drawn anew where one ends and another begins in between.
+    Straight stretches and manoeuvres last for exponential times and take turns. With p the share of straight going in
+    the long run and lam = 1 / straight + 1 / manoeuvre that two-state chain is solved exactly; the kind of a manoeuvre
+    is drawn anew where one has ended and another begun in between.
     """
     p = models["straight_duration"] / (models["straight_duration"] + models["manoeuvre_duration"])
     lam = 1.0 / models["straight_duration"] + 1.0 / models["manoeuvre_duration"]

@@ -31,6 +31,12 @@ def mean_direction(mu, base, share, column):
 
 
 @inline
+def _add_part(row, own, away, share, d, n):
+    for j in range(n):
+        row[j] += share * (own[j] + d * away[j])
+
+
+@inline
 def combine(mu, P, base, share, n, own_heading, to_mu, to_P, to, dev):
     """Moments of a mixture with weights `share` [G] into row `to`. dev: [G + 1, n_max] scratch.
 
@@ -57,12 +63,11 @@ def combine(mu, P, base, share, n, own_heading, to_mu, to_P, to, dev):
     if own_heading:
         to_mu[to, ROBOT + 2] = wrap(to_mu[to, ROBOT + 2])
     for i in range(n):
+        row = to_P[to, i]
         for j in range(n):
-            to_P[to, i, j] = 0.0
+            row[j] = 0.0
         for g in range(size):
-            part, d = share[g], dev[g, i]
-            for j in range(n):
-                to_P[to, i, j] += part * (P[base + g, i, j] + d * dev[g, j])
+            _add_part(row, P[base + g, i], dev[g], share[g], dev[g, i], n)
 
 
 @jit

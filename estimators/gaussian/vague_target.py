@@ -1,9 +1,9 @@
 """A target seen again after a long absence, when a linearisation at its prior mean would be worthless.
 
-Out of sight the target's position spreads. A first-order update by range and bearing at so vague a mean moves the target
-to places that the return rules out. So where the spread is above `iterate_spread` times the distance, the update is iterated
-(`estimators.kernels.iterated`); where it is wider than `reinitialise_spread` allows, the target starts anew: the return
-alone then says all there is.
+Out of sight the target's position spreads. A first-order update by range and bearing at so vague a mean moves the
+target to places that the return rules out. So where the spread is above `iterate_spread` times the distance, the update
+is iterated (`estimators.kernels.iterated`); where it is wider than `reinitialise_spread` allows, the target starts
+anew: the return alone then says all there is.
 
 The iteration runs on eta = dD - J D dphi, the part of the error of D = target - robot that a return can see. It ends at
 e, and one ordinary update of the joint state follows, linearised there: H = A(e) [-I, -J e, I]. A filter that keeps to
@@ -11,7 +11,6 @@ other points of linearisation than its mean (FEJ), or whose error turns with the
 target's rows of P in coordinates that go with these: they are brought to e first, P <- M P M', M = I + d e_phi' with d
 the shift of J D, so that the heading stays unobservable.
 """
-
 
 from estimators.gaussian.considered import keep_pose, put_pose_back
 from estimators.gaussian.sweep import REINITIALISED, WITHHELD, forget_target

@@ -2,9 +2,9 @@
 
 Where a point is uncertain against its distance, the derivative of (range, bearing) at its prior mean says little about
 where the return puts it. Linearised at e instead, h(D) = h(e) + A (D - e), the innovation against the prior mean d is
-nu = z - h(e) - A (d - e) and S = A P A' + R; the posterior mean d + P A' S^-1 nu is the next e. At the fixed point it is
-the most likely place, prior and return together. Bell and Cathey, "The iterated Kalman filter update as a Gauss-Newton
-method", 1993.
+nu = z - h(e) - A (d - e) and S = A P A' + R; the posterior mean d + P A' S^-1 nu is the next e. At the fixed point it
+is the most likely place, prior and return together. Bell and Cathey, "The iterated Kalman filter update as a
+Gauss-Newton method", 1993.
 
 Everything is in one set of axes: the beam (beam_x, beam_y) is the unit vector in which the return came.
 """

@@ -113,6 +113,10 @@ class SLAMTO(Estimator):
         map_storage: Literal["lazy", "tree", "dense"] = "lazy",
     ) -> None:
         super().__init__(motion, sensor, target, num_lanes=num_lanes, max_landmarks=max_landmarks)
+        if target is not None and target.kind == "imm":
+            raise ValueError(
+                'particle filters know "twist" and "constant-velocity" targets, not "imm"; take one of them'
+            )
         if particles < 2:
             raise ValueError(f"particles must be at least 2; got {particles}")
         if not 0.0 <= resample_threshold <= 1.0:

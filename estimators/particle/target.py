@@ -141,8 +141,8 @@ def is_too_vague(target, log_hypothesis, hypotheses, w, limit):
 def fit_point(tx, ty, p00, p01, p11, terms, x, y, cosine, sine, distance, cb, sb, var_r, var_b, spread):
     """`fit` of a return against one point in every particle, all rows [N]. terms: [7, N], written (see `fit`).
 
-    Where the position's deviation is above `spread` times the distance, the update is iterated: Gauss-Newton on the position, whose
-    last linearisation gives the terms.
+    Where the position's deviation is above `spread` times the distance, the update is iterated: Gauss-Newton on the
+    position, whose last linearisation gives the terms.
     """
     t0, t1, t2, t3, t4, t5, t6 = terms[0], terms[1], terms[2], terms[3], terms[4], terms[5], terms[6]
     limit = (spread * distance) ** 2
