@@ -10,7 +10,7 @@ from estimators.gaussian.mixture import collapse
 from estimators.interface import TARGET, Scan
 from estimators.models import MODEL, MotionModel, SensorModel, TargetModel, pack_models
 
-FILTERS = ["ekf", "fej-ekf", "ri-ekf", "cdkf", "ukf", "ri-cdkf", "taylor-ekf", "ideal-ekf", "dead-reckoning"]
+FILTERS = ["ekf", "fej-ekf", "ri-ekf", "cdkf", "dead-reckoning"]
 IMM = TargetModel(kind="imm", initial_speed_std=0.5)
 STILL = MotionModel(speed_std=0.0, turn_std=0.0)
 
