@@ -63,6 +63,7 @@ class GaussianEstimator(Estimator):
     """
 
     extra_states: ClassVar[int] = 0  # rows between the target and the map
+    mean_is_all: ClassVar[bool] = True  # nothing lies beside mu and P that hypotheses or iterated updates would miss
 
     def __init__(
         self,
@@ -136,13 +137,15 @@ class GaussianEstimator(Estimator):
 
     def _make_bank(self) -> Any:
         kind, labelled = self.target.kind if self.target is not None else None, self.association_code == KNOWN
+        if kind == "imm" and not self.mean_is_all:
+            raise ValueError(f'{self.name} knows targets of kind "twist" and "constant-velocity"; got "imm"')
         if kind == "imm":
             if not labelled:
                 raise ValueError(f'a target of kind "imm" needs association="known"; got {self.association!r}')
             from estimators.gaussian.manoeuvres import ManoeuvreBank
 
             return ManoeuvreBank(self)
-        if kind == "twist" and labelled and self.first_heading == "gaussian-sum":
+        if kind == "twist" and labelled and self.mean_is_all and self.first_heading == "gaussian-sum":
             from estimators.gaussian.first_heading import HeadingBank
 
             return HeadingBank(self)
@@ -255,10 +258,10 @@ class GaussianEstimator(Estimator):
         calls = [self._correction(scan)]
         if self.n_t > 0:
             points, at, kind = self.linear_points()
+            gate = float(self.gates[0]) if self.mean_is_all else -1.0  # nothing fits: nothing is iterated
             first = (
                 sort_out, self.mu, self.P, self.models, self.n_t, self.count, self.target_known, self.pending,
-                self.counters, self.slots, points, at, float(self.gates[0]), scan.ranges, scan.bearings, scan.labels,
-                scan.count, LATER,
+                self.counters, self.slots, points, at, gate, scan.ranges, scan.bearings, scan.labels, scan.count, LATER,
             )  # fmt: skip
             last = (
                 take_back, self.mu, self.P, self.work, self.models, self.n_t, self.count, self.slots, points, at, kind,

@@ -197,6 +197,7 @@ class OCEKF(FEJEKF):
 
     name: ClassVar[str] = "oc-ekf"
     summary: ClassVar[str] = "observability-constrained EKF: consistent points nearest to the estimates"
+    mean_is_all: ClassVar[bool] = False
 
     def _allocate(self) -> None:
         super()._allocate()

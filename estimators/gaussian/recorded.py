@@ -314,6 +314,7 @@ class RecordedRIEKF(GaussianEstimator):
 
     name: ClassVar[str] = "recorded-ri-ekf"
     summary: ClassVar[str] = "right-invariant EKF for recorded robots: scales, biases, slow errors, mis-read labels"
+    mean_is_all: ClassVar[bool] = False
     extra_states: ClassVar[int] = EXTRA
 
     def __init__(

@@ -207,6 +207,7 @@ class RobocentricEKF(GaussianEstimator):
 
     name: ClassVar[str] = "robocentric-ekf"
     summary: ClassVar[str] = "EKF in the robot's own frame: small linearisation errors"
+    mean_is_all: ClassVar[bool] = False
 
     def _allocate(self) -> None:
         super()._allocate()

@@ -274,6 +274,7 @@ class SEIF(GaussianEstimator):
 
     name: ClassVar[str] = "seif"
     summary: ClassVar[str] = "sparse extended information filter: few links, overconfident for it"
+    mean_is_all: ClassVar[bool] = False
 
     def __init__(
         self,
