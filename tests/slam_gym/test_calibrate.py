@@ -11,6 +11,7 @@ from slam_gym.calibrate import calibrate
 from slam_gym.calibration import Calibration
 from slam_gym.cli import main
 from slam_gym.recording import Recording, wrap
+from slam_gym.replay import replay_many
 from slam_gym.results import Results
 
 SET_7 = Path(__file__).resolve().parents[2] / "../shared/data/mrclam/MRCLAM_Dataset7"
@@ -165,3 +166,42 @@ def test_recorded_robots_are_fitted():
         expected = getattr(known, name)
         tolerance = 0.03 if name == "command_delay" else (0.6 if name in loose else 0.35) * abs(expected)
         assert getattr(found, name) == pytest.approx(expected, abs=tolerance + 1e-3), name
+
+
+def held_out(pairs):
+    """`recorded-ri-ekf` on set 7 with the numbers of another set: the pooled row."""
+    calibration = Calibration.load("mrclam-other")
+    recordings = [calibration.corrected(mrclam.load(SET_7, *pair)) for pair in pairs]
+    return replay_many(recordings, ["recorded-ri-ekf"], calibration.models())[1].iloc[0]
+
+
+@pytest.mark.skipif(not SET_7.is_dir(), reason="the data set is not here")
+def test_it_is_honest_on_two_recorded_robots():
+    row = held_out([(5, 1), (3, 4)])
+    assert 0.5 < row["pose_nees_least"] and row["pose_nees_most"] < 2.0
+    assert row["robot_error"] <= 0.36 and row["target_error_lt2"] <= 0.45
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(not SET_7.is_dir(), reason="the data set is not here")
+def test_it_is_honest_on_all_recorded_robots():
+    row = held_out(mrclam.pairs(SET_7, "all", "all"))
+    assert row["recordings"] == 20
+    assert 0.7 <= row["pose_nees"] <= 1.4
+    assert 0.5 <= row["pose_nees_least"] and row["pose_nees_most"] <= 2.0
+    assert row["robot_error"] <= 0.36 and row["target_error_lt2"] <= 0.45
+    for age in ("lt2", "2_15", "gt15"):
+        assert 0.7 <= row[f"target_nees_median_{age}"] <= 1.4
+
+
+def test_all_pairs_of_a_small_set(tmp_path, capsys, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    assert main(["export", "mrclam", "small", "--steps", "300"]) == 0
+    words = ["replay", "mrclam", "small", "--robot", "1", "--target", "all", "--estimators", "dead-reckoning"]
+    assert main([*words, "--no-report"]) == 0
+    assert mrclam.pairs("small", 1, "all") == [(1, 2)]
+    assert mrclam.pairs("small", "all", "all") == [(1, 2), (2, 1)]
+    assert mrclam.pairs("nowhere", 3, 4) == [(3, 4)]
+    with pytest.raises(FileNotFoundError, match="expected an unpacked MRCLAM data set"):
+        mrclam.pairs("nowhere", "all", 4)
+    assert "dead-reckoning" in capsys.readouterr().out
