@@ -66,6 +66,7 @@ class ISAM2(GaussianEstimator):
 
     name: ClassVar[str] = "isam2"
     summary: ClassVar[str] = "incremental smoothing of the whole trajectory (extra `smoothing`): the accuracy reference"
+    mean_is_all: ClassVar[bool] = False
 
     def __init__(
         self,
