@@ -79,7 +79,9 @@ class Results:
         for name in PARQUET:
             write_atomic(self.path / f"{name}.parquet", getattr(self, name).to_parquet)
         for name in CSV:
-            write_atomic(self.path / f"{name}.csv", partial(getattr(self, name).to_csv, index=False))
+            table = getattr(self, name)
+            if len(table) or name != "gaps":
+                write_atomic(self.path / f"{name}.csv", partial(table.to_csv, index=False))
         self._save_trajectories()
 
     def _save_trajectories(self) -> None:
