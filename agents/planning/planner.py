@@ -50,7 +50,16 @@ class RecedingHorizon(Policy):
     drives, with `search=False` `pursuit`.
 
     Weakness: the target is predicted straight on, so plans beyond two seconds are about a target that will have turned;
-    with `visibility="hard"` such plans trust a line of sight that is not there.
+    with `visibility="hard"` such plans trust a line of sight that is not there. With the default `pose_weight` the pose
+    is known no better than under pursuit; 20 improves it in `revisit`.
+
+    Measured (`slam-gym compare --scenarios default revisit evasive-hard --mode closed-loop --estimators ri-ekf
+    --policies pursuit receding-horizon oracle --runs 200 --seed 7`; options chosen on other seeds): share of the gap
+    between pursuit and the oracle that is closed, with 95 % intervals, of the time lost: default 0.69 (0.52 to 0.82),
+    evasive-hard 0.51 (0.33 to 0.67); of the target's error: default 0.76 (0.62 to 0.86), revisit 0.89 (0.63 to 1.02),
+    evasive-hard 0.65 (0.46 to 0.81). A decision takes about 0.3 ms in `default` (median, on one loaded core).
+    In `discovery`, where finding decides and the search does that, it closes little: 0.22 (0.02 to 0.39) of the time to
+    find, over 100 runs.
 
     Args:
         context: models and limits.

@@ -73,7 +73,8 @@ class PursuitRevisit(Pursuit):
     would help nothing, and it pursues.
 
     When to use it: few landmarks and poor odometry (scenario revisit), as the simple rule beside `receding-horizon`.
-    Weakness: it gives up the target while it returns, whether or not the target's estimate needs a better pose.
+    Weakness: it gives up the target while it returns, whether or not the target's estimate needs a better pose:
+    in `default` and `revisit` it knows its own position better than `pursuit`, and loses the target more often.
 
     Args:
         context: models and limits.
