@@ -17,6 +17,7 @@ from agents.sb3.tensors import read_tensors
 from agents.sb3.train import Train, describe
 from agents.sb3.training import (
     EVALUATION_SEEDS,
+    TEACHER_SEEDS,
     TRAINING_SEEDS,
     build,
     check_numbers,
@@ -178,7 +179,7 @@ def test_a_folder_is_not_overwritten_and_other_settings_are_not_resumed(trained,
 
 def test_worlds_of_training_evaluation_and_comparison_never_overlap():
     """Whatever the seeds: a policy is not selected in worlds that it was trained in, nor judged in either."""
-    purposes = (TRAINING_SEEDS, EVALUATION_SEEDS, WORLD_SEEDS, POLICY_SEEDS)
+    purposes = (TRAINING_SEEDS, EVALUATION_SEEDS, TEACHER_SEEDS, WORLD_SEEDS, POLICY_SEEDS)
     seeds = [run_seeds(seed, purpose, range(300)) for seed in range(5) for purpose in purposes]
     assert len(np.unique(np.concatenate(seeds))) == 5 * len(purposes) * 300
 
