@@ -99,7 +99,7 @@ def _choices() -> list[Choice]:
                "its count of 8,779 steps, say so (its 400 and 50 Hz are 40 and 5 Hz)"),
         Choice("noise", "drawn anew at each control step, on the control handed to the filter; the truth drives the "
                "nominal control", "as that simulator does"),
-        Choice("start", "known exactly", "Eqs. (38)-(39), a start off by one sigma, change no figure visibly"),
+        Choice("start", "known exactly", "Eqs. (38)-(39) start it one sigma off; a scenario can (robot.start_noise)"),
         Choice("association", "known", "the paper does not say"),
         Choice("repetitions", "batches of the paper's 45 runs, each with noise of its own", "so that the spread of the "
                "paper's single batch is known: Table 1 is put against the spread of a batch"),

@@ -14,7 +14,7 @@ STANDARD, IDEAL, IMPROVED = "ekf", "ideal-ekf", "taylor-ekf"
 BESIDE = ("fej-ekf", "ri-ekf", "ri-taylor-ekf", "cdkf", "oc-ekf")
 PRESETS = ("geng-hu", "geng-l1", "geng-m1", "geng-m2")
 SHOWN = "geng-m1"
-RUNS, QUICK_RUNS = 200, 10
+RUNS, QUICK_RUNS = 60, 10
 SHOWN_RUNS = 50  # the figures' mean is over so many
 
 

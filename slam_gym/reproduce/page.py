@@ -6,7 +6,7 @@ from typing import Any
 from slam_gym.report import Cell, Column, Section, Table, embedded, render_page
 from slam_gym.reproduce.experiment import PAPERS
 from slam_gym.reproduce.runner import load
-from slam_gym.reproduce.verdict import FAILS, IN_PART, NOT, NOT_RUN, REPRODUCES, TIE
+from slam_gym.reproduce.verdict import FAILS, HOLDS, IN_PART, NOT, NOT_RUN, REPRODUCES, TIE
 
 CLAIMS = ("statement", "paper", "ours", "outcome", "basis")
 CLAIM_TITLES = ("claim", "paper", "ours", "outcome", "how decided")
@@ -54,7 +54,7 @@ def _overview(results: list[dict[str, Any]]) -> Section:
 
 def _held(result: dict[str, Any]) -> str:
     outcomes = [claim["outcome"] for claim in result["claims"]]
-    return f"{outcomes.count('holds')} of {len(outcomes)}"
+    return f"{outcomes.count(HOLDS)} of {len(outcomes)}"
 
 
 def _section(result: dict[str, Any], figures: Path) -> Section:

@@ -45,10 +45,13 @@ class Round:
 def drive_round(landmarks: int, particles: int, seed: int, stores: Sequence[str] = tuple(STORES)) -> Round:
     """Let `FILTER` go once round a ring, with each storage on the same data and the same draws."""
     specs = [(FILTER, {"particles": particles, "map_storage": storage}) for storage in stores]
+    seen: set[int] = set()
     mapped, spent, size = [], [], []
     for simulation in drive(ring(landmarks), specs, seed):
         estimators: list[Any] = simulation.estimators
-        mapped.append(float(estimators[0].belief.landmark_count[0]))
+        scan = simulation.world.scan
+        seen.update(scan.labels[0, : scan.count[0]].tolist())
+        mapped.append(float(len(seen)))
         spent.append(clock(simulation))
         size.append([float(estimator.map_bytes()[0]) for estimator in estimators])
     seconds, sizes = seconds_per_step(spent), np.array(size)

@@ -13,7 +13,7 @@ from slam_gym.reproduce.verdict import Claim, smaller, with_interval
 
 PARTICLES = {"rbpf": 50, "fastslam1": 200}
 ADAPTIVE, ALWAYS = 0.5, 1.0
-LONG_STEPS, LONG_RUNS, QUICK_LONG_RUNS = 3200, 60, 4
+LONG_STEPS, LONG_RUNS, QUICK_LONG_RUNS = 3200, 30, 4
 
 
 def label(family: str, threshold: float) -> str:

@@ -7,8 +7,8 @@ from slam_gym.reproduce.experiment import Choice
 from slam_gym.scenario import Scenario
 
 ROBOT, MAP = "robot_error", "landmark_error"
-RUNS, QUICK_RUNS = 200, 20
-DRIVER = "fastslam1:particles=200"
+RUNS, QUICK_RUNS = 100, 20
+DRIVER = "fastslam1:particles=100"
 SPACING = 1.0  # [m] between landmarks along the ring: about ten in view
 SPEED = 0.5  # [m] per step
 

@@ -12,7 +12,7 @@ Floats = NDArray[np.float64]
 
 SLAMTO = "slamto:particles=200"  # of experiments 1 to 3
 PAPER_RUNS = 20
-RUNS, QUICK_RUNS = 200, 20
+RUNS, QUICK_RUNS = 100, 20
 ROBOT, TARGET = "robot_error", "target_error"
 NAMES = {ROBOT: "robot", TARGET: "target"}
 
