@@ -79,10 +79,8 @@ def run_one(experiment: Experiment, study: Study) -> dict[str, Any]:
         "webmap": study.webmap is not None,
         "mrclam": study.mrclam is not None,
     }  # fmt: skip
-    if path.is_file():
-        kept: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
-        if kept["settings"] == settings:
-            return kept
+    if path.is_file() and (kept := _read(path))["settings"] == settings:
+        return kept
     started = time.perf_counter()
     outcome = experiment.run(study)
     result = as_json(experiment, outcome, study.folder) | {
@@ -90,7 +88,12 @@ def run_one(experiment: Experiment, study: Study) -> dict[str, Any]:
     }  # fmt: skip
     write_json(path, result)
     shutil.rmtree(study.folder / "work", ignore_errors=True)
-    return result
+    return _read(path)
+
+
+def _read(path: Path) -> dict[str, Any]:
+    found: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
+    return found
 
 
 def as_json(experiment: Experiment, outcome: Outcome, folder: Path) -> dict[str, Any]:
@@ -126,5 +129,4 @@ def load(folder: Path) -> dict[str, Any]:
         raise FileNotFoundError(
             f"{str(folder)!r} holds no reproduction; `slam-gym reproduce all --out {folder}` makes one"
         )
-    found: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
-    return found
+    return _read(path)
