@@ -70,7 +70,9 @@ class CloudObserver(Observer):
         return self.out.copy()
 
     def fill_cloud(self, belief: Belief) -> None:
-        """Fill the cloud's part of `out`, after the kernel of `bound` has filled the others."""
+        """Fill the cloud's part of `out`, after the kernel of `bound` has filled the others; zeros without a cloud."""
+        if not belief.has_target_cloud:  # a scenario without a target
+            return
         points, weights = belief.target_cloud
         unit, start = float(self.settings[0]), self.blocks["cloud"].start
         _summarise(belief.pose, points, weights, unit, self._mass, start, self.out)

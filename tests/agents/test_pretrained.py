@@ -4,11 +4,13 @@ import tomllib
 from fnmatch import fnmatch
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from agents.pretrained.policy import FOLDER, zones
 from agents.sb3.policy_file import load_policy
 from slam_gym import policies
+from slam_gym.episode import Episode
 from slam_gym.evaluation import compare
 from slam_gym.policies import PolicyContext
 from slam_gym.scenario import Scenario
@@ -42,6 +44,12 @@ def test_the_scenario_chooses_and_the_default_stands_in():
         make("default", zone="defualt")
     with pytest.raises(ValueError, match="trained to give 'twist' actions"):
         make("tian-sparse")
+
+
+def test_it_drives_where_there_is_no_target():
+    episode = Episode(Scenario.load("geng-hu", max_steps=8), ["ekf"], policy="ppo")
+    episode.step()
+    assert np.isfinite(episode.simulation.world.pose).all()
 
 
 @pytest.mark.parametrize("zone", zones())

@@ -290,5 +290,5 @@ def test_an_observation_is_built_only_where_one_is_needed():
 
     scenario = Scenario.load("default")
     blind = policies.make("pursuit", policies.PolicyContext.from_scenario(scenario))
-    assert PolicyView(blind, scenario).observe(SimpleNamespace()) is None
+    assert PolicyView(blind, scenario).observe(SimpleNamespace(world=None)) is None
     assert slam_gym.__version__
