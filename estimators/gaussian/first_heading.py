@@ -40,7 +40,9 @@ class HeadingBank(Bank):
         sector = 2.0 * math.pi / self.size
         members.models[rows] = np.repeat(self.owner.models[lanes], self.size)
         members.models["reinitialise_nis"][rows] = members.models["reinitialise_spread"][rows] = math.inf
-        members.mu[rows, _HEADING] = np.tile(-math.pi + sector * (np.arange(self.size) + 0.5), len(lanes))
+        # Counted from the robot's heading: what is believed must not depend on how the world's axes lie.
+        turns = members.mu[rows, 2] + np.tile(sector * (np.arange(self.size) + 0.5), len(lanes))
+        members.mu[rows, _HEADING] = (turns + math.pi) % (2.0 * math.pi) - math.pi
         members.P[rows, _HEADING, _HEADING] = sector * sector / 12.0
         members.target_known[rows] = True
         members.pending[rows] = 0.0

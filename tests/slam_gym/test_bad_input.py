@@ -61,7 +61,7 @@ WRONG = {  # the message, its parts split by |
     ),
     "model's kind": (
         lambda: TargetModel(kind="rocket"),
-        "TargetModel.kind must be one of 'twist', 'constant-velocity'; got 'rocket'",
+        "TargetModel.kind must be one of 'twist', 'constant-velocity', 'imm'; got 'rocket'",
     ),
     "name taken": (lambda: registry.register("ekf", estimators.Estimator), "an estimator named 'ekf' exists already"),
     # scenarios

@@ -54,7 +54,7 @@ def directions(estimator, model):
     points = [(0, estimator.anchor[0, :2])]
     if model is not None:
         points.append((3, estimator.anchor[0, 2:4]))
-    points += [(3 + n_t + 2 * slot, estimator.first[0, slot]) for slot in range(count)]
+    points += [(3 + n_t + 2 * slot, estimator.first[0, slot, :2]) for slot in range(count)]
     for row, point in points:
         N[0, row] = N[1, row + 1] = 1.0
         N[2, row : row + 2] = J @ point
@@ -125,7 +125,7 @@ def test_growth_keeps_the_directions(recording, model):
     assert estimator.count[0] == kept
     slot = kept - 1
     j = 3 + estimator.n_t + 2 * slot
-    expected = J @ estimator.first[0, slot]
+    expected = J @ estimator.first[0, slot, :2]
     np.testing.assert_allclose(estimator.P[0, 2, j : j + 2], expected * estimator.P[0, 2, 2], atol=1e-9)
 
 

@@ -68,7 +68,7 @@ def test_derived_velocity_and_heading(run):
 
 def test_joint_leaves_out_what_is_not_known():
     recording = record(1, 3)
-    estimator = EKF(MOTION, SENSOR, TWIST, max_landmarks=10)
+    estimator = EKF(MOTION, SENSOR, TWIST, max_landmarks=10, first_heading="two-sightings")
     start(estimator, recording)
     feed(estimator, recording, 0, 1)
     assert not estimator.target_known[0]

@@ -75,8 +75,8 @@ def test_fej_linearises_anew_after_an_outlier():
     count = estimator.count[0]
     marks = estimator.mu[0, 7 : 7 + 2 * count].reshape(-1, 2)
     np.testing.assert_array_equal(estimator.anchor[0], estimator.mu[0, [0, 1, 3, 4, 5, 6]])
-    np.testing.assert_array_equal(estimator.first[0, :count], marks)
-    assert np.abs(first[0, :count] - marks).max() > 1e-2
+    np.testing.assert_array_equal(estimator.first[0, :count, :2], marks)
+    assert np.abs(first[0, :count, :2] - marks).max() > 1e-2
     assert ROUGH_NIS > 25.0
 
 

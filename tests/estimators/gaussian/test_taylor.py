@@ -69,7 +69,7 @@ def test_an_update_is_the_recipe():
     for k in seen:
         label = scan.labels[0, k]
         j = 3 if label == TARGET else 7 + 2 * slots[label]
-        first = estimator.anchor[0, 2:4] if label == TARGET else estimator.first[0, slots[label]]
+        first = estimator.anchor[0, 2:4] if label == TARGET else estimator.first[0, slots[label], :2]
         z = np.array([scan.ranges[0, k], scan.bearings[0, k]])
         mu, P = dense_observe(mu, P, [j, j + 1], first, estimator.anchor[0, :2], z)
     estimator.update(scan)
@@ -93,7 +93,7 @@ def test_no_return_says_anything_about_the_unobservable_directions():
     for slot in range(estimator.count[0]):
         j = 7 + 2 * slot
         N[0, j] = N[1, j + 1] = 1.0
-        N[2, j : j + 2] = J @ estimator.first[0, slot]
+        N[2, j : j + 2] = J @ estimator.first[0, slot, :2]
     for n in N:
         estimator.P[0] = np.outer(n, n)
         before = estimator.mu[0].copy()
@@ -136,7 +136,7 @@ def test_growth_is_fejs():
     feed(estimator, recording, 15, 16)
     slot = estimator.ids[0].tolist().index(label)
     assert estimator.count[0] == kept
-    np.testing.assert_array_equal(estimator.first[0, slot], estimator.mu[0, 3 + 2 * slot : 5 + 2 * slot])
+    np.testing.assert_array_equal(estimator.first[0, slot, :2], estimator.mu[0, 3 + 2 * slot : 5 + 2 * slot])
 
 
 @pytest.mark.slow

@@ -12,7 +12,7 @@ from estimators.interface import TARGET, Scan
 from estimators.models import TargetModel
 from estimators.testing import checks
 
-TWIST = TargetModel(kind="twist", speed=0.3, turn_rate=0.1, speed_std=0.2, turn_std=0.2)
+TWIST = TargetModel(kind="twist", speed=0.3, turn_rate=0.1, speed_std=0.2, turn_std=0.2, iterate_spread=np.inf)
 
 
 class FilterPySLAM:
