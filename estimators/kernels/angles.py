@@ -9,9 +9,11 @@ TWO_PI = 2.0 * math.pi
 
 @inline
 def wrap(angle: float) -> float:
-    """The same direction in [-pi, pi)."""
+    """The same direction in [-pi, pi); 0 for angles so large that a float no longer tells their direction."""
     if -math.pi <= angle < math.pi:
         return angle
     wrapped = angle - TWO_PI * math.floor((angle + math.pi) / TWO_PI)
     # Rounding can land exactly on +pi for angles a hair below -pi.
-    return wrapped if wrapped < math.pi else wrapped - TWO_PI
+    if wrapped >= math.pi:
+        wrapped -= TWO_PI
+    return 0.0 if abs(wrapped) > math.pi else wrapped

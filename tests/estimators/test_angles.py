@@ -29,3 +29,9 @@ def test_many_angles():
 
 def test_nan_stays_nan():
     assert math.isnan(wrap(math.nan))
+
+
+def test_an_angle_beyond_all_precision_is_still_wrapped():
+    for angle in (1e16, -3e17, 1e300):
+        assert -np.pi <= wrap(angle) < np.pi
+    assert np.isnan(wrap(np.nan))

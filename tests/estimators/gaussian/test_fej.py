@@ -150,7 +150,7 @@ def test_first_twist_sightings_keep_the_directions():
 
 @pytest.mark.slow
 def test_consistent_where_the_ekf_is_not(ring_world):
-    """Differential drive, 660 steps, 1 deg: pose NEES near 3; the plain EKF above 3.8.
+    """Differential drive, 660 steps, 1 deg: pose NEES near 3, to the accuracy of 300 runs; the plain EKF above 3.8.
 
     One run in hundreds passes so close to a landmark that any linearisation fails (its NEES alone would move the mean
     by half), so those are counted by themselves.
@@ -160,7 +160,9 @@ def test_consistent_where_the_ekf_is_not(ring_world):
     for name in ("fej-ekf", "ri-ekf"):
         broken = nees[name] > 30.0
         assert broken.sum() <= 2
-        assert 2.75 < nees[name][~broken].mean() < 3.25
+        mean, error = nees[name][~broken].mean(), nees[name][~broken].std() / np.sqrt((~broken).sum())
+        assert mean + 2.0 * error > 2.75
+        assert mean - 2.0 * error < 3.25
 
 
 def test_reset_moves_the_anchor(recording):
