@@ -1,6 +1,7 @@
 """The numbers of a comparison do not depend on where it is worked on."""
 
 import os
+import sys
 from pathlib import Path
 
 import pytest
@@ -9,10 +10,6 @@ from slam_gym.evaluation import compare
 from slam_gym.evaluation_backend import workers
 
 SETTINGS = {"estimators": ["dead-reckoning"], "runs": 6, "steps": 20, "chunk": 2}
-
-
-def square(number):
-    return number * number
 
 
 def die_once(mark, number):
@@ -26,7 +23,7 @@ def die_once(mark, number):
 @pytest.mark.parametrize("jobs", [1, 2])
 def test_every_task_is_done_once(jobs):
     with workers(jobs) as crew:
-        assert sorted(crew.results([(square, (n,)) for n in range(5)])) == [0, 1, 4, 9, 16]
+        assert sorted(crew.results([(pow, (n, 2)) for n in range(5)])) == [0, 1, 4, 9, 16]
 
 
 @pytest.mark.parametrize(
@@ -50,6 +47,7 @@ class TestRay:
     @classmethod
     def cluster(cls):
         ray = pytest.importorskip("ray")
+        ray.cloudpickle.register_pickle_by_value(sys.modules[__name__])  # workers cannot import the tests
         ray.init(num_cpus=2, include_dashboard=False, log_to_driver=False)
         yield
         ray.shutdown()

@@ -78,8 +78,8 @@ def test_a_state_holds_the_hypotheses(model):
     second.set_state(state)
     for estimator in (first, second):
         feed(estimator, recording, 6)
-    np.testing.assert_array_equal(first.joint(0)[1], second.joint(0)[1])
-    np.testing.assert_array_equal(first.bank.w, second.bank.w)
+    np.testing.assert_allclose(first.joint(0)[1], second.joint(0)[1], rtol=1e-10, atol=1e-15)
+    np.testing.assert_allclose(first.bank.w, second.bank.w, rtol=1e-10, atol=1e-15)
 
 
 def test_moments_of_a_mixture_against_numpy():
