@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from estimators import registry
-from estimators.interface import Estimator, TruthAware
+from estimators.interface import BoundCalls, Estimator, TruthAware
 from estimators.target_cloud import TargetCloud
 from slam_gym.metrics import Meter
 from slam_gym.scenario import Scenario
@@ -32,7 +32,6 @@ class Simulation:
     Attributes:
         world, estimators, meters: one meter per estimator; names [E], of the estimators.
         is_plain: nobody is timed, nobody is told the truth.
-        bound: [E] their kernels for this world's arrays; None where an estimator has none.
         clouds: by an estimator's index, the points that accompany it (see `attach_cloud`).
         predict_seconds, update_seconds: [E] with `timed`; predict_calls, update_calls: [E] lane-calls they cover.
 
@@ -58,8 +57,6 @@ class Simulation:
         self.is_plain = not timed and not any(isinstance(e, TruthAware) for e in self.estimators)
         self.clouds: dict[int, TargetCloud] = {}
         self._period = int(scenario.sensor_period)
-        odometry, steps = self.world.odometry, np.full(self.num_lanes, self.dt)
-        self.bound = [e.bound_calls(odometry, steps, self.world.scan) for e in self.estimators]
         self._altered = np.zeros(self.num_lanes, dtype=np.bool_)  # lanes whose models reset options have changed
         count = len(self.estimators)
         self.predict_seconds, self.update_seconds = np.zeros(count), np.zeros(count)
@@ -133,9 +130,9 @@ class Simulation:
         world.step(command, lanes)
         due = self.due(lanes)
         for e in range(len(self.estimators)):
-            self._predict(e, lanes)
+            self.estimators[e].predict(world.odometry, self.dt, lanes=lanes)
             if due is not None:
-                self.update(e, due)
+                self._update(e, due)
         if self.clouds:
             self._advance_clouds(lanes, due)
 
@@ -145,22 +142,16 @@ class Simulation:
             if due is not None:
                 cloud.update(self.world.scan, due)
 
-    def _predict(self, e: int, lanes: Ints | None) -> None:
-        estimator, bound = self.estimators[e], self.bound[e]
-        if bound is None:
-            estimator.predict(self.world.odometry, self.dt, lanes=lanes)
-        else:
-            bound.predict(self.world.lanes if lanes is None else lanes)
-            estimator.belief.mark_stale()
+    def _update(self, e: int, due: Ints) -> None:
+        self.estimators[e].update(self.world.scan, lanes=due if len(due) < self.num_lanes else None)
 
-    def update(self, e: int, due: Ints) -> None:
-        """Estimator number e takes in the sweeps of the lanes that have a fresh one."""
-        estimator, bound = self.estimators[e], self.bound[e]
-        if bound is None:
-            estimator.update(self.world.scan, lanes=due if len(due) < self.num_lanes else None)
-        else:
-            bound.update(due)
-            estimator.belief.mark_stale()
+    def bound_calls(self) -> BoundCalls | None:
+        """The first estimator's kernels for this world's arrays, for a loop that runs them itself; None: it has none.
+
+        A comparison's many lanes do not need them, and to compile them takes as long as the kernels themselves.
+        """
+        steps = np.full(self.num_lanes, self.dt)
+        return self.estimators[0].bound_calls(self.world.odometry, steps, self.world.scan)
 
     def due(self, lanes: Ints | None) -> Ints | None:
         """The lanes with a fresh sweep; None: there are none."""
@@ -180,12 +171,12 @@ class Simulation:
         for e, estimator in enumerate(self.estimators):
             self._tell(estimator)
             began = perf_counter()
-            self._predict(e, lanes)
+            estimator.predict(world.odometry, self.dt, lanes=lanes)
             moved = perf_counter()
             self.predict_seconds[e] += moved - began
             self.predict_calls[e] += self.num_lanes if lanes is None else len(lanes)
             if due is not None:
-                self.update(e, due)
+                self._update(e, due)
                 self.update_seconds[e] += perf_counter() - moved
                 self.update_calls[e] += len(due)
         self._advance_clouds(lanes, due)

@@ -119,13 +119,14 @@ class Lanes:
     def _bind(self) -> None:
         """One compiled call for all that happens between action and belief, and one from belief to observation."""
         simulation = self.simulation
-        world, bound = simulation.world, simulation.bound[0]
+        world, bound = simulation.world, simulation.bound_calls()
         self._belief = simulation.estimators[0].belief
         self._command_of = self.action_map.bound(self.action, self._command)
-        self._move, self._senses_always = None, self.scenario.sensor_period == 1
+        self._move, self._take = None, None
         if bound is not None and simulation.is_plain and world.threads == 1 and not simulation.clouds:
             ahead = chain(self._command_of, world.bound_step(self._command), bound.predict)
-            self._move = chain(ahead, bound.update) if self._senses_always else ahead
+            always = self.scenario.sensor_period == 1
+            self._move, self._take = (chain(ahead, bound.update), None) if always else (ahead, bound.update)
         watch = chain(self.observer.bound(self._belief, world), self.scorer.bound)
         self._fills = bound is not None
         self._watch = watch if bound is None else chain(bound.fill, watch)
@@ -138,10 +139,10 @@ class Lanes:
                 self.simulation.advance(self._command, None if len(lanes) == self.num_lanes else lanes)
             return finite
         finite = self._move(lanes)
-        if finite and not self._senses_always:
+        if finite and self._take is not None:
             due = self.simulation.due(lanes)
             if due is not None:
-                self.simulation.update(0, due)
+                self._take(due)
         return finite
 
     def _look(self, lanes: Ints) -> None:
