@@ -1,5 +1,7 @@
 """What the benchmark compares does the same work."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
@@ -76,6 +78,14 @@ def test_the_page_has_every_table(found):
     text = page.page(found, "slam-gym benchmark")
     assert [line for line in text.splitlines() if line.startswith("## ")] == SECTIONS
     for name in ("clean NumPy", "gym.make", "CartPole", "`ekf`, us", "exponent"):
+        assert name in text
+
+
+def test_the_committed_page_is_of_this_shape():
+    text = (Path(__file__).parents[2] / "BENCHMARKS.md").read_text()
+    assert text.startswith(page.HEAD)
+    assert [line for line in text.splitlines() if line.startswith("## ")] == SECTIONS
+    for name in ("FilterPy", "Stone Soup", "iSAM2", "gym.make_vec, 256 lanes", "SyncVectorEnv", "AsyncVectorEnv"):
         assert name in text
 
 
