@@ -36,7 +36,7 @@ Simultaneous localisation and mapping while tracking a moving target: simulate, 
 {commands}
 
 Start with:
-  slam-gym compare                          the default scenario; compiles for minutes the first time
+  slam-gym compare                          the default scenario; the first time it compiles
   slam-gym watch --estimators ri-ekf        see what an estimator believes while it drives
   slam-gym list                             what there is
   slam-gym compare --help                   every command explains its options
