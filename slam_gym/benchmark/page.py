@@ -8,7 +8,7 @@ from slam_gym.benchmark.measure import growth
 HEAD = """\
 # Benchmarks
 
-`slam-gym benchmark --write BENCHMARKS.md` wrote this page. Times depend on the machine; the ratios, each between works
+`slam-gym benchmark` wrote this page (`--write`). Times depend on the machine; the ratios, each between works
 measured in turn in one process (the least of many short measurements), hardly do. A step of a filter is one prediction
 and nine returns, eight landmarks and the target.
 """

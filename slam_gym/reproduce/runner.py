@@ -2,7 +2,7 @@
 
 OUT/NAME/result.json    what one experiment found: texts only, the verdict computed from its claims
 OUT/NAME/figures/*.png
-OUT/NAME/work/          finished measurements, removed with the last one
+OUT/NAME/work           finished measurements, removed with the last one
 OUT/results.json        all of them together
 OUT/report.html
 """
