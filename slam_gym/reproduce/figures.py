@@ -8,7 +8,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from slam_gym.consistency import nees_bounds
-from slam_gym.palette import GREY, styles
+from slam_gym.palette import styles
 from slam_gym.plots import new_figure
 
 Floats = NDArray[np.float64]
@@ -75,8 +75,3 @@ def against(
     axis.grid(color="#EEEEEE", linewidth=0.6)
     axis.legend(frameon=False, fontsize=9)
     return figure
-
-
-def mark_number(axis: Axes, value: float, text: str) -> None:
-    """A paper's number as a dotted line."""
-    axis.axhline(value, color=GREY, linestyle=":", linewidth=1.2, label=text)
