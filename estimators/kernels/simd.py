@@ -93,6 +93,7 @@ def _splat(builder, scalar):
     return builder.shuffle_vector(one, ir.Constant(_VECTOR, ir.Undefined), places)
 
 
+PANEL = 64  # columns worked on together: their part of W stays in the first cache, and P comes by whole cache lines
 TILE = 4  # rows of a tile, one vector wide: what four accumulators and a vector of W keep in sixteen registers
 
 
@@ -114,20 +115,26 @@ def _subtract_rows(typingctx, P, lane, n, W, minus, plus):
         start = builder.gep(p_array.data, [builder.mul(lane_value, builder.mul(side, side))])
         ends = [(_INDEX(0), minus_value, True), (minus_value, builder.add(minus_value, plus_value), False)]
         tile = [cgutils.alloca_once(builder, _VECTOR) for _ in range(TILE)]
-        with cgutils.for_range_slice(builder, _INDEX(0), n_value, _INDEX(WIDTH), _INDEX) as (column, _):
-            with cgutils.for_range_slice(builder, column, n_value, _INDEX(TILE), _INDEX) as (row, _):
-                lines = [builder.mul(builder.add(row, _INDEX(i)), side) for i in range(TILE)]
-                places = [_vector_pointer(builder, builder.gep(start, [builder.add(line, column)])) for line in lines]
-                for one, place in zip(tile, places, strict=True):
-                    builder.store(builder.load(place, align=_ALIGN), one)
-                for first, last, negative in ends:
-                    _add_products(builder, tile, w_array.data, width, row, column, first, last, negative)
-                values = [builder.load(one) for one in tile]
-                for value, place in zip(values, places, strict=True):
-                    builder.store(value, place, align=_ALIGN)
-                below = builder.icmp_signed(">=", row, builder.add(column, _INDEX(WIDTH)))
-                with builder.if_then(below):
-                    _store_transposed(builder, values, start, side, row, column)
+        with cgutils.for_range_slice(builder, _INDEX(0), n_value, _INDEX(PANEL), _INDEX) as (panel, _):
+            right = builder.add(panel, _INDEX(PANEL))
+            with cgutils.for_range_slice(builder, panel, n_value, _INDEX(TILE), _INDEX) as (row, _):
+                diagonal = builder.add(builder.and_(row, _INDEX(-WIDTH)), _INDEX(WIDTH))
+                end = builder.select(builder.icmp_signed("<", diagonal, right), diagonal, right)
+                with cgutils.for_range_slice(builder, panel, end, _INDEX(WIDTH), _INDEX) as (column, _):
+                    lines = [builder.mul(builder.add(row, _INDEX(i)), side) for i in range(TILE)]
+                    places = [
+                        _vector_pointer(builder, builder.gep(start, [builder.add(line, column)])) for line in lines
+                    ]
+                    for one, place in zip(tile, places, strict=True):
+                        builder.store(builder.load(place, align=_ALIGN), one)
+                    for first, last, negative in ends:
+                        _add_products(builder, tile, w_array.data, width, row, column, first, last, negative)
+                    values = [builder.load(one) for one in tile]
+                    for value, place in zip(values, places, strict=True):
+                        builder.store(value, place, align=_ALIGN)
+                    below = builder.icmp_signed(">=", row, builder.add(column, _INDEX(WIDTH)))
+                    with builder.if_then(below):
+                        _store_transposed(builder, values, start, side, row, column)
         return context.get_dummy_value()
 
     return signature, codegen

@@ -1,12 +1,15 @@
 """The least time of each of several calls, measured in turn: what a machine can do, whoever else uses it.
 
 Two calls measured one after the other may meet different loads and clock rates. Measured in turn, many times, the least
-of each has met the same best moments, so their ratio holds where their times do not.
+of each has met the same best moments, so their ratio holds where their times do not. BLAS is held to one thread, as
+everything else is: with two it would wait for a core that another program has.
 """
 
 import gc
 from collections.abc import Callable, Mapping
 from time import perf_counter
+
+from threadpoolctl import threadpool_limits
 
 Work = Callable[[], object]
 
@@ -27,16 +30,17 @@ def least_seconds(
     gc_was_on = gc.isenabled()
     gc.disable()
     try:
-        for round_ in range(rounds):
-            if renew is not None and round_ % 5 == 0:
-                renew()
-            for name, work in works.items():
-                count = counts.get(name) or _calls_in(work, slice_seconds)
-                counts[name] = count
-                began = perf_counter()
-                for _ in range(count):
-                    work()
-                best[name] = min(best[name], (perf_counter() - began) / count)
+        with threadpool_limits(1):
+            for round_ in range(rounds):
+                if renew is not None and round_ % 5 == 0:
+                    renew()
+                for name, work in works.items():
+                    count = counts.get(name) or _calls_in(work, slice_seconds)
+                    counts[name] = count
+                    began = perf_counter()
+                    for _ in range(count):
+                        work()
+                    best[name] = min(best[name], (perf_counter() - began) / count)
     finally:
         if gc_was_on:
             gc.enable()
