@@ -58,8 +58,13 @@ def _rows(base: pd.DataFrame, part: pd.DataFrame, oracle: pd.DataFrame) -> list[
     return rows
 
 
+def is_clear(row: Any) -> bool:
+    """Whether pursuit and the oracle differ enough for a row's share to have an interval."""
+    return math.isfinite(row["low"]) and math.isfinite(row["high"])
+
+
 def share_text(row: Any) -> str:
     """A row's share with its interval; in words where there is no gap to speak of."""
-    if not math.isfinite(row["low"]) or not math.isfinite(row["high"]):
+    if not is_clear(row):
         return "no clear gap"
     return f"{row['closed']:.2f} ({row['low']:.2f} to {row['high']:.2f})"

@@ -10,7 +10,7 @@ from rich.markup import escape
 from rich.table import Table
 
 from slam_gym import policies
-from slam_gym.gaps import METRICS, share_text
+from slam_gym.gaps import METRICS, is_clear, share_text
 from slam_gym.results import Results
 from slam_gym.specs import is_reference
 
@@ -83,22 +83,25 @@ def print_paired(paired: pd.DataFrame, console: Console) -> None:
 
 
 def print_gaps(gaps: pd.DataFrame, console: Console) -> None:
-    """How much of the way from pursuit to the oracle each policy goes."""
+    """How much of the way from pursuit to the oracle each policy goes: a block per scenario, a column per metric."""
     if not len(gaps):
         return
-    table = Table(title="\nGap closed: 0 is pursuit, 1 the oracle (95 % interval)", title_justify="left",
-                  title_style="bold", box=None, padding=(0, 1), collapse_padding=True, pad_edge=False)  # fmt: skip
-    for heading in ("scenario", "policy", "estimator", "of"):
-        table.add_column(heading, max_width=NAME_WIDTH)
-    for heading in ("pursuit", "policy", "oracle", "closed"):
-        table.add_column(heading, justify="right", no_wrap=True)
-    for row in gaps.to_dict("records"):
-        means = [number(row[name]) for name in ("baseline", "value", "reference")]
-        words, unit = METRICS[row["metric"]]
-        of = f"{words} [{unit}]" if unit else words
-        table.add_row(*(escape(str(row[k])) for k in ("scenario", "policy", "estimator")), escape(of), *means,
-                      share_text(row))  # fmt: skip
+    metrics = [metric for metric in METRICS if any(map(is_clear, gaps[gaps["metric"] == metric].to_dict("records")))]
+    table = Table(title="\nGap closed: 0 is pursuit, 1 the oracle (95 % interval)",
+                  title_justify="left", title_style="bold", box=None, padding=(0, 1), collapse_padding=True,
+                  pad_edge=False)  # fmt: skip
+    table.add_column("", no_wrap=True)
+    for metric in metrics:
+        table.add_column(METRICS[metric][0], justify="right", no_wrap=True)
+    several = gaps["estimator"].nunique() > 1
+    for scenario, group in gaps.groupby("scenario", sort=False):
+        table.add_row(f"[bold]{escape(str(scenario))}[/bold]")
+        for (policy, estimator), rows in group.groupby(["policy", "estimator"], sort=False):
+            told = {row["metric"]: share_text(row) for row in rows.to_dict("records") if is_clear(row)}
+            name = f"{policy}, {estimator}" if several else str(policy)
+            table.add_row(f"  {escape(name)}", *(told.get(metric, "-") for metric in metrics))
     console.print(table)
+    console.print("-: no gap to speak of. Means of pursuit, policy and oracle: gaps.csv and the report.", style="dim")
 
 
 def number(value: float, digits: int = 3) -> str:

@@ -1,6 +1,10 @@
+import io
+
 import pandas as pd
 import pytest
+from rich.console import Console
 
+from slam_gym.commands.summary import print_gaps
 from slam_gym.evaluation import compare
 from slam_gym.gaps import gap_table, share_text
 from slam_gym.specs import parse_sweep
@@ -31,6 +35,18 @@ def test_no_gap_without_both_ends(policies):
 def test_policies_as_good_as_the_oracle_have_no_gap():
     found = gap_table(pd.concat([runs(pursuit=0.1), runs(mine=0.2), runs(oracle=0.1)]))
     assert share_text(found.iloc[0]) == "no clear gap"
+
+
+def test_a_terminal_of_80_columns_has_a_line_per_policy_under_the_scenarios_whole_name():
+    table = gap_table(runs(pursuit=0.5, mine=0.2, oracle=0.1))
+    vague = pd.concat([runs(pursuit=0.1), runs(mine=0.2), runs(oracle=0.1)])
+    name = "evasive-hard target.speed=0.4 sensor.max_range=4"
+    page = Console(file=io.StringIO(), width=80)
+    print_gaps(pd.concat([table.assign(scenario=name), gap_table(vague).assign(scenario="open")]), page)
+    lines = [line.strip() for line in page.file.getvalue().splitlines()]
+    assert name in lines
+    assert lines[lines.index(name) + 1].split(maxsplit=1) == ["mine", "0.75 (0.75 to 0.75)"]
+    assert lines[lines.index("open") + 1].split() == ["mine", "-"]
 
 
 def test_the_oracle_is_told_the_truth_in_comparisons_and_loses_least(tmp_path):
