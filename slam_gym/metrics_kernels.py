@@ -11,7 +11,7 @@ import math
 import numpy as np
 
 from estimators.kernels.angles import wrap
-from estimators.kernels.jit import inline, jit
+from estimators.kernels.jit import inline, jit, subroutine
 
 REGULARISATION = 1e-9  # relative to the covariance's own scale
 REGULARISATION_LIMIT = 1e-6  # [m^2] or [rad^2]
@@ -89,7 +89,7 @@ def _nees3(x, y, phi, p00, p01, p02, p11, p12, p22):
     return _valid(s0 * s0 + s1 * s1 + s2 * s2)
 
 
-@jit
+@subroutine
 def _state_nees(lane, mean, cov, codes, truth, work):
     """NEES of the target's own coordinates. truth [6] in `COORDINATES`' order; work [n_t + 1, n_t] scratch."""
     n = codes.shape[0]

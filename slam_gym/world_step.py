@@ -1,7 +1,7 @@
 """One step of the world, as one kernel call: robot, target, sensor."""
 
 from estimators.kernels.borrow import borrow
-from estimators.kernels.jit import jit
+from estimators.kernels.jit import subroutine
 from slam_gym.world_numbers import NONE
 from slam_gym.world_robot import move_robot
 from slam_gym.world_sensor import sense
@@ -9,7 +9,7 @@ from slam_gym.world_state import STEP
 from slam_gym.world_target import move_target
 
 
-@jit
+@subroutine
 def step(lanes, command, numbers, x, k, b):
     """Advance the lanes [n] by dt and take the sweeps that are due.
 

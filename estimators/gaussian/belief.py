@@ -4,7 +4,7 @@ import math
 
 from estimators.kernels.borrow import borrow
 from estimators.kernels.gaussian import ROBOT
-from estimators.kernels.jit import inline, jit
+from estimators.kernels.jit import inline, subroutine
 from estimators.models import TWIST
 
 FULL_CIRCLE_VARIANCE = math.pi**2 / 3.0  # of a heading about which nothing is known
@@ -57,7 +57,7 @@ def _derive_velocity(mu, P, lane, model, velocity, velocity_cov, heading, headin
             heading_var[lane] = max(variance, 0.0)
 
 
-@jit
+@subroutine
 def fill_core(
     mu, P, models, known, pose, pose_cov, target_known, mean, cov, position, position_cov, velocity, velocity_cov,
     heading, heading_var, rel, rel_cov, rel_velocity,
@@ -96,7 +96,7 @@ def fill_core(
             _set2(rel_cov, lane, 0.0, 0.0, 0.0)
 
 
-@jit
+@subroutine
 def fill_map(mu, P, n_t, count, ids, landmark_count, landmark_id, landmark_mapped, mean, cov, rel, rel_cov):
     """Landmarks of every lane; empty slots are zero with id -1."""
     mu, P = borrow(mu), borrow(P)

@@ -21,7 +21,7 @@ from estimators.kernels.existence import (
     should_be_seen,
 )
 from estimators.kernels.gaussian import ROBOT, remove_landmark
-from estimators.kernels.jit import inline, jit
+from estimators.kernels.jit import inline, jit, subroutine
 from estimators.kernels.range_bearing import measure, noise_std
 
 EXISTENCE = 2  # column of `first`
@@ -111,7 +111,7 @@ def _spread(P, lane, j):
     return math.sqrt(max(xx + yy, 0.0))
 
 
-@jit
+@subroutine
 def hide_doubtful(first, count, landmark_count, landmark_id, landmark_mapped, mean, cov, rel, rel_cov):
     """Take landmarks that are not likely to exist out of a filled belief; their slots look empty."""
     for lane in range(count.size):

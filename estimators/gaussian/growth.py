@@ -14,7 +14,7 @@ from estimators.gaussian.sweep import DROPPED_RETURN, OVERFLOW
 from estimators.kernels.angles import wrap
 from estimators.kernels.association import NEW, TARGET_SLOT, slot_of
 from estimators.kernels.gaussian import ROBOT, append_point, clear_rows, innovation_cov, rows_in_use, shear
-from estimators.kernels.jit import inline, jit
+from estimators.kernels.jit import inline, subroutine
 from estimators.kernels.range_bearing import noise_std, offset, offset_noise
 from estimators.models import TWIST
 
@@ -45,7 +45,7 @@ def advance_pending(pending, lane, speed, turn):
     pending[lane, 3] += 1.0
 
 
-@jit
+@subroutine
 def start_target(mu, P, lane, n, model, target_known, pending, dx, dy, g0, g1, n00, n01, n11, anchor_x, anchor_y, dt):
     """Take a return into a target that is not yet known.
 
@@ -121,7 +121,7 @@ def admits(slot, label, lane, count, ids, target_known, counters):
     return True
 
 
-@jit
+@subroutine
 def enter(
     mu, P, lane, model, n_t, count, ids, first, next_id, target_known, pending, slot, label, dx, dy, g0, g1, n00, n01,
     n11, anchor_x, anchor_y, dt,
@@ -137,7 +137,7 @@ def enter(
     return add_landmark(mu, P, lane, n_t, count, ids, first, label, dx, dy, g0, g1, n00, n01, n11)
 
 
-@jit
+@subroutine
 def grow(
     lane, mu, P, model, n_t, count, ids, first, next_id, target_known, pending, counters, ranges, bearings, labels,
     num_returns, nearest, slots, linear_x, linear_y, anchor_x, anchor_y, dt,

@@ -18,7 +18,7 @@ import math
 
 from estimators.kernels.angles import wrap
 from estimators.kernels.gaussian import ROBOT
-from estimators.kernels.jit import inline, jit
+from estimators.kernels.jit import inline, subroutine
 from estimators.kernels.linalg import semidefinite_cholesky, solve_transposed
 from estimators.kernels.motion import displacement, unicycle
 from estimators.kernels.range_bearing import measure, offset
@@ -107,7 +107,7 @@ def spread_cov(C, D1, D2, E, rule, i, k):
     return first / (h * h) + rule[1] * second + rule[2] * E[3, i] * E[3, k]
 
 
-@jit
+@subroutine
 def move_body(mu, P, lane, n, j, kind, model, a, b, std_a, std_b, dt, rule, C, D1, D2, E):
     """Predict the body at rows j, j + 1, j + 2 under the control (a, b) with deviations. Eqs. (15)-(18)."""
     dx, dy, turn = spread_displacement(
@@ -130,7 +130,7 @@ def move_body(mu, P, lane, n, j, kind, model, a, b, std_a, std_b, dt, rule, C, D
             P[lane, j + k, j + i] = value
 
 
-@jit
+@subroutine
 def append_by_points(mu, P, lane, n, j, distance, bearing, std_r, std_b, model, rule, C, D1, D2, E):
     """A new point at rows j, j + 1 from a return, with all its cross covariances; the rows must be zero before."""
     dx, dy, _ = spread_displacement(
@@ -202,7 +202,7 @@ def spread_return(mu, P, lane, j, rule, C, D1, E):
     return r0, r0 + mean_r, wrap(b0 + mean_b), s00, s01, s11
 
 
-@jit
+@subroutine
 def downdate_by_points(mu, P, W, lane, n, j, E, y0, y1, s00, s01, s11):
     """Kalman update by one return of the point at row j. Eqs. (12), (29)-(31): W = P_xz chol(S)^-T, P -= W W'."""
     l00 = math.sqrt(s00)

@@ -25,7 +25,7 @@ from estimators.kernels.angles import wrap
 from estimators.kernels.association import KNOWN, TARGET_SLOT
 from estimators.kernels.bound import LATER
 from estimators.kernels.gaussian import ROBOT, nis_and_log_det, rows_in_use
-from estimators.kernels.jit import inline, jit
+from estimators.kernels.jit import inline, jit, subroutine
 from estimators.kernels.left_looking import CORRECTION, collect, spread
 from estimators.kernels.range_bearing import measure, noise_std
 from estimators.models import TWIST, MotionModel, SensorModel, TargetModel
@@ -61,7 +61,7 @@ def differences(r0, x, y, turn):
     return 0.5 * (r_up - r_down), 0.5 * (b_up - b_down), 0.5 * (r_up + r_down) - r0, 0.5 * (b_up + b_down)
 
 
-@jit
+@subroutine
 def interpolate(r0, l00, l10, l11, t0, t1, h):
     """Stirling's interpolation of a return over the spread L of eta; results as those of `fit_net`."""
     ur, ub, pr, pb = differences(r0, h * l00, h * l10, h * t0)

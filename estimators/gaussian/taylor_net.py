@@ -11,7 +11,7 @@ import math
 
 import numpy as np
 
-from estimators.kernels.jit import inline, jit
+from estimators.kernels.jit import inline, subroutine
 
 NODES, _WEIGHTS = np.polynomial.hermite_e.hermegauss(5)
 WEIGHTS = _WEIGHTS / math.sqrt(2.0 * math.pi)  # of a standard normal
@@ -67,7 +67,7 @@ def slopes(l00, l10, l11, ur, ub, vr, vb):
     return (ur - g01 * l10) / l00, g01, (ub - g11 * l10) / l00, g11
 
 
-@jit
+@subroutine
 def fit_net(r0, l00, l10, l11, t0, t1):
     """Fit the net at range r0 over the spread L, seen by an observer that turns by t0 eps_0 + t1 eps_1 on the way.
 

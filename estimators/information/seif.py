@@ -25,7 +25,7 @@ from estimators.kernels.association import KNOWN, TARGET_SLOT
 from estimators.kernels.bound import LATER
 from estimators.kernels.gaussian import ROBOT, rows_in_use
 from estimators.kernels.information import add_sighting, diffuse, factorise, invert, shear_information, solve
-from estimators.kernels.jit import inline, jit
+from estimators.kernels.jit import inline, jit, subroutine
 from estimators.kernels.motion import (
     acceleration_noise,
     calibrated,
@@ -92,7 +92,7 @@ def move_target_information(mu, Omega, work, Q, lane, n, model, dt):
     diffuse(Omega, work, lane, n, ROBOT, 4, Q)
 
 
-@jit
+@subroutine
 def agree(mu, P, Omega, C, lane, n, n_t, count, active, target_known, pending, held):
     """Bring Omega in line with P where the target has entered it, or was forgotten (marginalised) there."""
     state = STATE if target_known[lane] else POINT if pending[lane, 0] > 0.0 else NOTHING

@@ -8,7 +8,7 @@ on and m0 marginalised: Omega += sum c c' - sum d d'. The mean stays.
 
 from estimators.kernels.gaussian import ROBOT
 from estimators.kernels.information import eliminate
-from estimators.kernels.jit import inline, jit
+from estimators.kernels.jit import inline, subroutine
 from estimators.kernels.simd import subtract_rows
 
 
@@ -53,7 +53,7 @@ def cut(Omega, lane, n_b, slot):
             Omega[lane, i, c] = Omega[lane, c, i] = 0.0
 
 
-@jit
+@subroutine
 def keep_active(Omega, work, lane, n, n_t, count, active, unseen, limit):
     """Deactivate the landmarks unseen for longest until `limit` are active; those just seen stay.
 

@@ -8,7 +8,7 @@ import math
 from estimators.interface import TARGET, UNKNOWN
 from estimators.kernels.angles import wrap
 from estimators.kernels.gaussian import ROBOT, innovation_cov, nis_and_log_det
-from estimators.kernels.jit import inline, jit
+from estimators.kernels.jit import inline, subroutine
 from estimators.kernels.range_bearing import gradient, measure, noise_std, usable
 
 KNOWN, NEAREST, JCBB = 0, 1, 2
@@ -55,7 +55,7 @@ def predicted_fit(mu, P, model, lane, j, distance, bearing):
     return nis_and_log_det(s00, s01, s11, distance - r, wrap(bearing - b))
 
 
-@jit
+@subroutine
 def fit_pairs(
     lane, mu, P, model, n_t, count, target_known, ranges, bearings, labels, num_returns, match_gate, new_gate,
     det_weight, cost, slots,
@@ -91,7 +91,7 @@ def fit_pairs(
             cost[k, count] = FAR
 
 
-@jit
+@subroutine
 def nearest(
     lane, mu, P, model, n_t, count, target_known, ranges, bearings, labels, num_returns, match_gate, new_gate, cost,
     slots,

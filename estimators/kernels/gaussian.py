@@ -8,7 +8,7 @@ and keeps the inner loops whole. A motion touches two rows and columns, O(n); an
 
 import math
 
-from estimators.kernels.jit import inline, jit
+from estimators.kernels.jit import inline, subroutine
 from estimators.kernels.motion import acceleration_noise
 from estimators.kernels.simd import WIDTH, add_outer
 
@@ -173,7 +173,7 @@ def clear_rows(mu, P, lane, n, j, size):
             P[lane, i, k] = 0.0
 
 
-@jit
+@subroutine
 def remove_landmark(mu, P, count, ids, first, lane, slot, n_t):
     """Marginalise one landmark out; the last one moves into its slot, so slots stay dense."""
     last = count[lane] - 1

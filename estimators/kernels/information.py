@@ -7,7 +7,7 @@ zero, as in P: both inversions leave them out.
 import math
 
 from estimators.kernels.gaussian import shear
-from estimators.kernels.jit import inline, jit
+from estimators.kernels.jit import inline, subroutine
 from estimators.kernels.linalg import semidefinite_cholesky
 from estimators.kernels.simd import subtract_rows
 
@@ -20,7 +20,7 @@ def shear_information(Omega, lane, n, row, by, factor):
     shear(Omega, lane, n, by, row, -factor)
 
 
-@jit
+@subroutine
 def diffuse(Omega, work, lane, n, j, size, Q):
     """Noise Q on the coordinates j ... j + size - 1: Omega <- (Omega^-1 + Q)^-1, one column of Q's root at a time.
 
@@ -58,7 +58,7 @@ def add_sighting(Omega, lane, j, a00, a01, a10, a11, c0, c1, range_std, bearing_
                 Omega[lane, at[i], at[k]] += H[i] * H[k]
 
 
-@jit
+@subroutine
 def factorise(A, lane, n, C):
     """Lower Cholesky factor of A[lane, :n, :n] into `C`; rows of A whose diagonal is zero are left out (zero in C)."""
     for j in range(n):
@@ -96,7 +96,7 @@ def solve(C, n, b):
         b[j] /= C[j, j]
 
 
-@jit
+@subroutine
 def invert(A, lane, n, out, C):
     """out[lane, :n, :n] <- A[lane, :n, :n]^-1, positive semidefinite by construction; rows left out are zero.
 

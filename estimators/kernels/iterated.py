@@ -11,7 +11,7 @@ Everything is in one set of axes: the beam (beam_x, beam_y) is the unit vector i
 
 import math
 
-from estimators.kernels.jit import inline, jit
+from estimators.kernels.jit import inline, subroutine
 
 ITERATIONS = 10
 CONVERGED = 1e-18  # square of the last step over the square of the distance
@@ -39,7 +39,7 @@ def linearised(ex, ey, dx, dy, p00, p01, p11, distance, beam_x, beam_y, var_r, v
     )  # fmt: skip
 
 
-@jit
+@subroutine
 def refine(dx, dy, p00, p01, p11, distance, beam_x, beam_y, var_r, var_b):
     """The point e = (ex, ey) at which to linearise: the posterior mean of the iterated update.
 

@@ -1,5 +1,8 @@
 """How every kernel is compiled: the one file that names numba options.
 
+`@jit` makes a kernel, which Python calls. What only kernels call is a `@subroutine`, or `@inline` where it is small;
+both compile in less time, as far as they have to.
+
 `@jit` compiles lazily (no signatures: eager ones make an import take many seconds) and keeps machine code on
 disk. numba's own cache notices an edit to the decorated file but not to a function that it calls in another
 file, so each file's cache folder here is stamped with a hash of that file and of every file of this project it
@@ -18,6 +21,8 @@ from typing import Any
 
 import numba
 from numba.core import caching
+
+from estimators.kernels.subroutines import Subroutine, on_disk
 
 # Without "afn", "nnan" and "ninf": those let the compiler delete the checks for NaN and infinity.
 FASTMATH = {"contract", "reassoc", "nsz", "arcp"}
@@ -126,13 +131,15 @@ if _StampedLocator not in caching.CacheImpl._locator_classes:
 def jit(function: Callable[..., Any], /, **options: Any) -> Any:
     """Compile a kernel with the project's options; falls back to no disk cache where none can be written."""
     function.__slam_gym_kernel__ = True  # type: ignore[attr-defined]
-    settings = {**OPTIONS, **options}
-    try:
-        return numba.njit(cache=True, **settings)(function)
-    except RuntimeError:  # nowhere to write, or a function typed at a prompt
-        return numba.njit(**settings)(function)
+    return on_disk(numba.njit(**{**OPTIONS, **options})(function))
+
+
+def subroutine(function: Callable[..., Any], /, **options: Any) -> Any:
+    """Compile a function that kernels call, and Python only in tests; see `estimators.kernels.subroutines`."""
+    function.__slam_gym_kernel__ = True  # type: ignore[attr-defined]
+    return on_disk(Subroutine(function, targetoptions={**OPTIONS, **options}))
 
 
 def inline(function: Callable[..., Any], /) -> Any:
-    """Compile a small helper that its callers absorb (LLVM inlines it; no array views at the call)."""
-    return jit(function, inline="never", forceinline=True)
+    """Compile a small subroutine that its callers absorb (LLVM inlines it; no array views at the call)."""
+    return subroutine(function, inline="never", forceinline=True)

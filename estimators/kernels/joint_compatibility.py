@@ -36,7 +36,7 @@ import numpy as np
 from estimators.kernels.angles import wrap
 from estimators.kernels.association import FAR, TARGET_SLOT, fit_pairs
 from estimators.kernels.gaussian import ROBOT, nis_and_log_det
-from estimators.kernels.jit import inline, jit
+from estimators.kernels.jit import inline, subroutine
 from estimators.kernels.range_bearing import gradient, measure, noise_std
 
 MAX_NODES = 5000  # of the search tree, per sweep
@@ -59,7 +59,7 @@ def joint_gates(match_gate, pairings):
     return 2.0 * gammainccinv(np.arange(1.0, pairings + 1.0), math.exp(-0.5 * match_gate))
 
 
-@jit
+@subroutine
 def jcbb(
     lane, mu, P, model, n_t, count, target_known, ranges, bearings, labels, num_returns, match_gate, new_gate, joint,
     cost, slots,

@@ -7,10 +7,10 @@ steps), so weights are kept as logarithms with the largest at zero.
 import math
 
 from estimators.kernels.elementary import exp_nonpositive
-from estimators.kernels.jit import jit
+from estimators.kernels.jit import subroutine
 
 
-@jit
+@subroutine
 def normalise(log_w, w):
     """Re-centre log weights in place and write the normalised weights.
 
@@ -46,7 +46,7 @@ def normalise(log_w, w):
     return 1.0 / squares, bad, False
 
 
-@jit
+@subroutine
 def systematic(w, u, copies):
     """Systematic resampling: how often each particle is drawn, floor(N w) or one more, N w on average.
 
@@ -68,7 +68,7 @@ def systematic(w, u, copies):
     copies[last] += n - drawn  # the sum of the weights fell short of one by rounding
 
 
-@jit
+@subroutine
 def moves(copies, source, destination):
     """Turn copy counts into the fewest moves: each survivor stays, its further copies go to the places of the dead.
 
@@ -91,7 +91,7 @@ def moves(copies, source, destination):
     return count
 
 
-@jit
+@subroutine
 def move_columns(rows, source, destination, count):
     """Apply moves to a block of rows [R, N] (one row per quantity, particle innermost), in place."""
     for r in range(rows.shape[0]):

@@ -6,7 +6,7 @@ A particle knows its pose, so a landmark's EKF sees S = A P A' + R, A = dh/d(lan
 import math
 
 from estimators.kernels.elementary import angle_between, log
-from estimators.kernels.jit import inline, jit
+from estimators.kernels.jit import inline, subroutine
 
 CLOSEST = 1e-6  # [m] below this distance the bearing's gradient is taken at it
 
@@ -111,7 +111,7 @@ def beam_cov(beam_x, beam_y, distance, var_r, var_b):
     )
 
 
-@jit
+@subroutine
 def start_column(mx, my, pxx, pxy, pyy, x, y, cosine, sine, distance, cb, sb, var_r, var_b):
     """A landmark's first sighting, in every particle. All rows [N]; cb, sb: cosine and sine of the bearing."""
     for p in range(mx.size):
@@ -121,7 +121,7 @@ def start_column(mx, my, pxx, pxy, pyy, x, y, cosine, sine, distance, cb, sb, va
         pxx[p], pxy[p], pyy[p] = beam_cov(beam_x, beam_y, distance, var_r, var_b)
 
 
-@jit
+@subroutine
 def update_column(mx, my, pxx, pxy, pyy, x, y, cosine, sine, nis_sum, det_product, distance, cb, sb, var_r, var_b):
     """A landmark seen again: its EKF in every particle, and its share of the weight.
 
@@ -138,7 +138,7 @@ def update_column(mx, my, pxx, pxy, pyy, x, y, cosine, sine, nis_sum, det_produc
         det_product[p] *= det
 
 
-@jit
+@subroutine
 def share_outside(mx, my, pxx, pxy, pyy, x, y, cosine, sine, w, distance, cb, sb, var_r, var_b, gate):
     """Weight of the particles in which a return's NIS exceeds the gate."""
     share = 0.0
@@ -149,7 +149,7 @@ def share_outside(mx, my, pxx, pxy, pyy, x, y, cosine, sine, w, distance, cb, sb
     return share
 
 
-@jit
+@subroutine
 def gather_weights(log_w, nis_sum, det_product):
     """Put the gathered likelihoods into the log weights, and start gathering anew. Eq. (13), Wu and Sun 2013."""
     for p in range(log_w.size):

@@ -8,11 +8,11 @@ import math
 
 from estimators.kernels.elementary import angle_between
 from estimators.kernels.existence import MARGIN, log_odds_missed, may_cover, should_be_seen
-from estimators.kernels.jit import inline, jit
+from estimators.kernels.jit import inline, subroutine
 from estimators.kernels.range_bearing import noise_std
 
 
-@jit
+@subroutine
 def note_missed(n_z, ranges, bearings, model, count, pose, maps, exists, used, scratch, slot, new_gate):
     """Lower the log odds of what should have been among the returns of a complete sweep; before the map takes them.
 
@@ -75,7 +75,7 @@ def _is_undecided(n_z, ranges, bearings, p, dx, dy, scratch, slot, reach):
     return False
 
 
-@jit
+@subroutine
 def remove_unlikely(maps, exists, used, w, limit):
     """Remove landmarks whose log odds fell below the limit; the weighted mean number per particle, and the largest map.
 

@@ -9,7 +9,7 @@ Kalman form: the covariance of one odometry step has rank 2 and a known start no
 import math
 
 from estimators.kernels.elementary import sincos, wrap_smooth
-from estimators.kernels.jit import inline, jit
+from estimators.kernels.jit import inline, subroutine
 from estimators.kernels.motion import calibrated, control_std
 from estimators.kernels.range_bearing import noise_std
 from estimators.models import BICYCLE
@@ -21,7 +21,7 @@ POSE_COV_ROWS = 6
 _PIVOT_FLOOR = 1e-14  # a pivot below this share of its variance is rounding: the direction is known
 
 
-@jit
+@subroutine
 def predict_poses(pose, cov, model, control_v, control_w, dt):
     """Mean and covariance of every pose through one step: cov = F cov F' + G Q G', Q the noise on both rates.
 
@@ -66,7 +66,7 @@ def displacement_cov(dx, dy, p00, p01, p11, c00, c01, c02, c11, c12, c22):
     )
 
 
-@jit
+@subroutine
 def displacement_rows(pose, cov, mx, my, p00, p01, p11, out):
     """`displacement_cov` of one point in every particle. out: [3, N], written."""
     x, y, c00, c01, c02, c11, c12, c22 = pose[0], pose[1], cov[0], cov[1], cov[2], cov[3], cov[4], cov[5]
@@ -103,7 +103,7 @@ def conditioned(dx, dy, c00, c01, c02, c11, c12, c22, b0, b1, a00, a01, a11):
     )
 
 
-@jit
+@subroutine
 def condition_poses(pose, cov, mx, my, terms, cosine, sine):
     """Every pose conditioned on one return of the point (mx, my); its new cosine and sine. terms: [7, N], see `fit`."""
     x, y, heading = pose[0], pose[1], pose[2]
@@ -121,7 +121,7 @@ def condition_poses(pose, cov, mx, my, terms, cosine, sine):
         sine[p], cosine[p] = sincos(turned)
 
 
-@jit
+@subroutine
 def condition_on_point(
     pose, cov, mx, my, p00, p01, p11, w, scratch, likelihood, distance, bearing, model, gate
 ):  # fmt: skip
@@ -163,7 +163,7 @@ def _root(pivot, variance):
     return (root if live else 0.0), (1.0 / root if live else 0.0)
 
 
-@jit
+@subroutine
 def draw_poses(key, step, pose, cov, normals):
     """Draw each pose from its Gaussian, whose covariance is zero afterwards. normals: [4, N] scratch."""
     draw_normals(key, step, DRAW_POSE, normals)

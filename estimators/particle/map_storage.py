@@ -21,7 +21,7 @@ put back before anything else happens to the particles: buffers hold one sweep's
 
 import numpy as np
 
-from estimators.kernels.jit import jit
+from estimators.kernels.jit import subroutine
 from estimators.kernels.resampling import move_columns
 from estimators.particle.layout import MAP_ROWS
 from estimators.particle.tree_storage import (
@@ -135,7 +135,7 @@ def bytes_in_use(columns, points, ancestors, index, landmarks):
     return touched + collapsed * point + epochs * row + 2 * index.itemsize * landmarks
 
 
-@jit
+@subroutine
 def gather(column, ancestors, out):
     """out[:, p] = column[:, ancestors[p]]."""
     for row in range(column.shape[0]):
@@ -144,7 +144,7 @@ def gather(column, ancestors, out):
             to[p] = source[ancestors[p]]
 
 
-@jit
+@subroutine
 def open_column(j, columns, points, ancestors, index):
     """A landmark's column [5, N] in the particles' present order, to be read and written.
 
@@ -170,7 +170,7 @@ def open_column(j, columns, points, ancestors, index):
     return column
 
 
-@jit
+@subroutine
 def read_column(j, columns, points, ancestors, index, work):
     """The same column, only to be read: the store stays as it is. work: [5, N], may be what is returned."""
     if index[BUFFER, j] == COLLAPSED:
@@ -183,7 +183,7 @@ def read_column(j, columns, points, ancestors, index, work):
     return work
 
 
-@jit
+@subroutine
 def _spread(j, points, ancestors, index, out):
     """A landmark without a buffer, in all particles: from its point, or from the leaves. out: [5, N]."""
     if index[SIZES, KIND] == TREE:
@@ -194,7 +194,7 @@ def _spread(j, points, ancestors, index, out):
             out[row, p] = points[j, row]
 
 
-@jit
+@subroutine
 def put_away(columns, points, ancestors, index):
     """A tree takes back what was touched since the last call; other stores keep it where it is."""
     if index[SIZES, KIND] != TREE:
@@ -208,7 +208,7 @@ def put_away(columns, points, ancestors, index):
     index[SIZES, 1] = 0
 
 
-@jit
+@subroutine
 def move_particles(landmarks, columns, points, ancestors, index, source, destination, count):
     """Resampling by `count` moves of particles. landmarks: number in the map."""
     if index[SIZES, KIND] == DENSE:
@@ -235,7 +235,7 @@ def move_particles(landmarks, columns, points, ancestors, index, source, destina
             _collapse(landmarks, columns, points, index, epoch, row[0])
 
 
-@jit
+@subroutine
 def _close_epoch(landmarks, columns, points, ancestors, index):
     """The current columns get a row of ancestors of their own, each particle its own ancestor so far."""
     epoch = 0
@@ -255,7 +255,7 @@ def _close_epoch(landmarks, columns, points, ancestors, index):
     index[SIZES, 1] = 0
 
 
-@jit
+@subroutine
 def _collapse(landmarks, columns, points, index, epoch, ancestor):
     """All particles descend from one: the epoch's columns become points."""
     for j in range(landmarks):

@@ -9,10 +9,10 @@ import math
 
 from estimators.kernels.angles import wrap
 from estimators.kernels.elementary import sincos, wrap_smooth
-from estimators.kernels.jit import inline, jit
+from estimators.kernels.jit import inline, subroutine
 
 
-@jit
+@subroutine
 def average(share, row):
     """Sum of share times row."""
     total = 0.0
@@ -21,7 +21,7 @@ def average(share, row):
     return total
 
 
-@jit
+@subroutine
 def average_product(share, a, b):
     """Sum of share times a b."""
     total = 0.0
@@ -30,21 +30,21 @@ def average_product(share, a, b):
     return total
 
 
-@jit
+@subroutine
 def deviate(row, centre, out):
     """Deviations from a centre."""
     for p in range(row.size):
         out[p] = row[p] - centre
 
 
-@jit
+@subroutine
 def deviate_angle(row, centre, out):
     """Wrapped deviations from a direction."""
     for p in range(row.size):
         out[p] = wrap_smooth(row[p] - centre)
 
 
-@jit
+@subroutine
 def pose_moments(pose, pose_cov, w, cosine, sine, mean, cov):
     """Mean [3] and covariance [3, 3] of weighted poses [3, N]; pose_cov: [6 or 0, N] each pose's own covariance."""
     x, y, heading = pose[0], pose[1], pose[2]
@@ -85,7 +85,7 @@ def pose_moments(pose, pose_cov, w, cosine, sine, mean, cov):
             row += 1
 
 
-@jit
+@subroutine
 def shares(log_hypothesis, hypotheses, w, share):
     """Weight of every hypothesis of every particle: [G, N]."""
     for g in range(hypotheses):
@@ -93,7 +93,7 @@ def shares(log_hypothesis, hypotheses, w, share):
             share[g, p] = w[p] if hypotheses == 1 else w[p] * math.exp(log_hypothesis[g, p])
 
 
-@jit
+@subroutine
 def target_moments(target, hypotheses, share, twist, work, mean, cov):
     """Mean [n_t] and covariance [n_t, n_t] of the target over particles and hypotheses; work: [4, N] scratch."""
     n_t = mean.size
@@ -125,7 +125,7 @@ def target_moments(target, hypotheses, share, twist, work, mean, cov):
             cov[i, j] = cov[j, i]
 
 
-@jit
+@subroutine
 def _mean_direction(target, hypotheses, share):
     cosine, sine = 0.0, 0.0
     for g in range(hypotheses):
@@ -137,7 +137,7 @@ def _mean_direction(target, hypotheses, share):
     return math.atan2(sine, cosine)
 
 
-@jit
+@subroutine
 def velocity_moments(target, hypotheses, share, cosine, sine, speed, mean, cov, relative):
     """A twist target's velocity: mean [2], covariance [2, 2] in the world, mean [2] along the robot's axes."""
     mx, my, along, left, s00, s01, s11 = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
@@ -161,7 +161,7 @@ def velocity_moments(target, hypotheses, share, cosine, sine, speed, mean, cov, 
     cov[0, 1] = cov[1, 0] = square * (s01 - mx * my)
 
 
-@jit
+@subroutine
 def turned_velocity(vx, vy, share, cosine, sine, relative):
     """Mean [2] of velocities given per particle, along the robot's axes."""
     along, left = 0.0, 0.0
@@ -180,7 +180,7 @@ def relative_origin(x, y, pose, cosine, sine):
     return (u, v) if u + v == u + v else (0.0, 0.0)  # NaN in a particle without weight
 
 
-@jit
+@subroutine
 def relative_sums(tx, ty, p00, p01, p11, share, pose, pose_cov, cosine, sine, x0, y0):
     """Moments about (x0, y0) of a point given per particle, in each particle's own frame. All rows [N].
 
@@ -231,7 +231,7 @@ def write_relative(x0, y0, m0, m1, s00, s01, s11, mean, cov):
     cov[0, 1] = cov[1, 0] = s01 - m0 * m1
 
 
-@jit
+@subroutine
 def landmark_moments(mx, my, pxx, pxy, pyy, w, mean, cov):
     """Mean [2] and covariance [2, 2] of one landmark over the particles, in the world's frame."""
     x, y = average(w, mx), average(w, my)
@@ -246,7 +246,7 @@ def landmark_moments(mx, my, pxx, pxy, pyy, w, mean, cov):
     cov[0, 1] = cov[1, 0] = s01
 
 
-@jit
+@subroutine
 def direction_variance(vx, vy, c00, c01, c11):
     """Variance of the direction of an uncertain velocity, at most that of a uniform one."""
     square = vx * vx + vy * vy

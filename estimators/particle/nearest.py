@@ -16,7 +16,7 @@ import math
 from estimators.interface import TARGET
 from estimators.kernels.elementary import sincos, wrap_smooth
 from estimators.kernels.existence import log_odds_at_first, log_odds_seen
-from estimators.kernels.jit import inline, jit
+from estimators.kernels.jit import inline, jit, subroutine
 from estimators.kernels.range_bearing import noise_std, usable
 from estimators.models import NO_TARGET
 from estimators.particle.columns import assimilate, beam_cov, fit, gather_weights
@@ -139,7 +139,7 @@ def _begin_return(
                 cost[p] = min(cost[p], nis + math.log(terms[6, p]))
 
 
-@jit
+@subroutine
 def _match(
     distance, bearing, model, count, pose, pose_cov, maps, used, w, scratch, cost, nearest, slot, match_gate, new_gate
 ):
@@ -185,7 +185,7 @@ def _seen(dx, dy, pxx, pxy, pyy, pose_cov, p):
     )  # fmt: skip
 
 
-@jit
+@subroutine
 def _propose(
     lane, n_z, ranges, bearings, model, state, pose, pose_cov, maps, target, log_w, w, scratch, normals, cost, slot
 ):
@@ -232,7 +232,7 @@ def _propose(
     return told
 
 
-@jit
+@subroutine
 def _propose_from_looks(
     lane, n_z, ranges, bearings, model, state, pose, pose_cov, maps, target, log_w, scratch, normals, cost, slot, kind,
     looks, samples, work, box,
@@ -274,7 +274,7 @@ def _give_to_target(n_z, share, slot):
             slot[best, p] = TO_TARGET
 
 
-@jit
+@subroutine
 def _apply_all(
     lane, n_z, ranges, bearings, model, state, pose, maps, used, exists, log_w, w, scratch, cost, nearest, slot,
     new_gate, weigh, kind,

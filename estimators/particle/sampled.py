@@ -6,7 +6,7 @@ What a particle looks at is a list of returns with the points that it takes them
 import math
 
 from estimators.kernels.elementary import sincos, wrap_smooth
-from estimators.kernels.jit import inline, jit
+from estimators.kernels.jit import inline, subroutine
 from estimators.kernels.linalg import semidefinite_cholesky
 from estimators.kernels.random import normal4, uniform4
 from estimators.particle.columns import fit
@@ -17,7 +17,7 @@ BOX_FLOOR = 1e-6  # [m^2, rad^2] added to the motion's variances where a box is 
 WORK_ROWS = 12
 
 
-@jit
+@subroutine
 def improve(key, step, p, pose, cov, looks, n_z, samples, work, box):
     """One particle's proposal, written over its Gaussian; returns log eta, Eq. (11).
 
@@ -64,7 +64,7 @@ def look_at(look, x, y, cosine, sine):
     return dx, dy, fit(dx, dy, look[2], look[3], look[4], look[5], beam_x, beam_y, look[8], look[9])
 
 
-@jit
+@subroutine
 def log_likelihood(pose, p, L, s, looks, n_z):
     """Log p(z | m, x) at x = x_minus + L s, the landmarks integrated out, up to a constant."""
     x, y, heading = pose_at(pose, p, L, s[0], s[1], s[2])
@@ -76,7 +76,7 @@ def log_likelihood(pose, p, L, s, looks, n_z):
     return total
 
 
-@jit
+@subroutine
 def find_mode(pose, p, L, looks, n_z, info, mode, work):
     """Eq. (9) by Gauss-Newton: mode [3] in s; info [3, 3] becomes the Cholesky factor of the Hessian there."""
     gradient = work[7]
@@ -135,7 +135,7 @@ def _sample_box(key, step, item, L, mode, box, s):
     return math.log(L[0, 0] * L[1, 1] * L[2, 2])
 
 
-@jit
+@subroutine
 def _moments(pose, cov, p, L, samples, top, mean, second):
     """Eqs. (11)-(13) over the samples [S, 4] (s and its log weight), written over one pose's Gaussian; log eta."""
     total = 0.0

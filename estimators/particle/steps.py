@@ -7,7 +7,7 @@ draws are functions of its own key and step, so that L lanes are L single runs b
 import math
 
 from estimators.kernels.association import DROPPED, NEW, TARGET_SLOT, slot_by_label
-from estimators.kernels.jit import jit
+from estimators.kernels.jit import jit, subroutine
 from estimators.kernels.random import uniform4
 from estimators.kernels.range_bearing import noise_std
 from estimators.kernels.resampling import move_columns, moves, normalise, systematic
@@ -85,7 +85,7 @@ def update_lanes(
         finish_sweep(lane, state, target[lane], log_hypothesis[lane], log_w[lane], w[lane], threshold)
 
 
-@jit
+@subroutine
 def begin_sweep(pose, scratch):
     """Rows 0 and 1 of the scratch: the headings' cosines and sines; rows 2 and 3: nothing gathered yet."""
     trigonometry(pose[2], scratch[0], scratch[1])
@@ -94,7 +94,7 @@ def begin_sweep(pose, scratch):
         scratch[3, p] = 1.0
 
 
-@jit
+@subroutine
 def finish_sweep(lane, state, target, log_hypothesis, log_w, w, threshold):
     """Normalise the weights, merge a target's heading hypotheses that agree, see whether to resample."""
     effective, bad, collapsed = normalise(log_w, w)
@@ -106,7 +106,7 @@ def finish_sweep(lane, state, target, log_hypothesis, log_w, w, threshold):
         state[lane].hypotheses = settle(target, log_hypothesis, HEADINGS, w)
 
 
-@jit
+@subroutine
 def likelihood_rows(scratch, is_open):
     """Where a return's nu' S^-1 nu and det S are gathered: into the weights, or aside if they are there already."""
     if is_open:
@@ -117,7 +117,7 @@ def likelihood_rows(scratch, is_open):
     return scratch[21:23]
 
 
-@jit
+@subroutine
 def take_landmark(
     lane, slot, distance, bearing, label, model, state, ids, pose, maps, points, ancestors, index, w, scratch,
     likelihood, gate, kind,
@@ -159,7 +159,7 @@ def take_landmark(
     return 1
 
 
-@jit
+@subroutine
 def take_target(lane, distance, bearing, model, state, pose, target, log_hypothesis, log_w, w, scratch, likelihood):
     """A return of the target: start it, start it anew, or update it; tells whether something is to be gathered."""
     x, y, cosine, sine = pose[0], pose[1], scratch[0], scratch[1]

@@ -11,7 +11,7 @@ import numpy as np
 
 from estimators.kernels.elementary import log, sincos, wrap_smooth
 from estimators.kernels.iterated import linearised, refine
-from estimators.kernels.jit import inline, jit
+from estimators.kernels.jit import inline, jit, subroutine
 from estimators.models import TWIST
 from estimators.particle.columns import beam_cov, fit
 from estimators.particle.layout import HEADINGS
@@ -79,7 +79,7 @@ def _predict_velocity(rows, model, dt):
         p33[p] += q_vv
 
 
-@jit
+@subroutine
 def start_target(target, log_hypothesis, model, x, y, cosine, sine, distance, cb, sb, var_r, var_b):
     """A first sighting; returns the number of hypotheses now in use."""
     twist = model.target_kind == TWIST
@@ -120,7 +120,7 @@ def position_rows(rows):
     return rows[4], rows[5], rows[8]
 
 
-@jit
+@subroutine
 def is_too_vague(target, log_hypothesis, hypotheses, w, limit):
     """Whether the target's position spreads beyond `limit` [m]: root of the summed variances over the mixture."""
     if hypotheses == 0 or limit == math.inf:
@@ -137,7 +137,7 @@ def is_too_vague(target, log_hypothesis, hypotheses, w, limit):
     return square - m0 * m0 - m1 * m1 > limit * limit
 
 
-@jit
+@subroutine
 def fit_point(tx, ty, p00, p01, p11, terms, x, y, cosine, sine, distance, cb, sb, var_r, var_b, spread):
     """`fit` of a return against one point in every particle, all rows [N]. terms: [7, N], written (see `fit`).
 
@@ -162,7 +162,7 @@ def fit_point(tx, ty, p00, p01, p11, terms, x, y, cosine, sine, distance, cb, sb
                 )
 
 
-@jit
+@subroutine
 def _iterate(dx, dy, p00, p01, p11, distance, beam_x, beam_y, var_r, var_b):
     """Terms (see `fit`) of the iterated update, linearised where the posterior is."""
     ex, ey = refine(dx, dy, p00, p01, p11, distance, beam_x, beam_y, var_r, var_b)
@@ -178,7 +178,7 @@ def _iterate(dx, dy, p00, p01, p11, distance, beam_x, beam_y, var_r, var_b):
     return ux * e0 + vx * e1, uy * e0 + vy * e1, a00, a01, a11, nu_r * e0 + nu_b * e1, det
 
 
-@jit
+@subroutine
 def apply_terms(rows, n_t, terms, work):
     """Mean += C b, cov -= C A2 C', C = cov[:, :2]: the update of one hypothesis in every particle.
 
@@ -217,7 +217,7 @@ def _triangle(n_t, i, j):
     return n_t + i * n_t - i * (i - 1) // 2 + j - i
 
 
-@jit
+@subroutine
 def gather_terms(terms, likelihood):
     """A return's likelihood in every particle, kept until `gather_weights`. likelihood: [2, N]."""
     for p in range(terms.shape[1]):
@@ -225,14 +225,14 @@ def gather_terms(terms, likelihood):
         likelihood[1, p] *= terms[6, p]
 
 
-@jit
+@subroutine
 def weigh_hypothesis(terms, log_hypothesis):
     """A return's likelihood under one hypothesis of every particle, into its log weight [N]."""
     for p in range(terms.shape[1]):
         log_hypothesis[p] -= 0.5 * (terms[5, p] + log(terms[6, p]))
 
 
-@jit
+@subroutine
 def share_out(log_hypothesis, hypotheses, log_w):
     """Normalise the hypotheses within each particle; what they summed to is the particle's likelihood."""
     for p in range(log_w.size):
@@ -248,7 +248,7 @@ def share_out(log_hypothesis, hypotheses, log_w):
         log_w[p] += evidence
 
 
-@jit
+@subroutine
 def settle(target, log_hypothesis, hypotheses, w):
     """Merge the heading hypotheses of every particle once they agree; returns the number in use afterwards."""
     agreement = 0.0
@@ -261,7 +261,7 @@ def settle(target, log_hypothesis, hypotheses, w):
     return 1
 
 
-@jit
+@subroutine
 def _resultant(target, log_hypothesis, hypotheses, p):
     """Length and direction of the hypotheses' mean direction."""
     cosine, sine = 0.0, 0.0
@@ -272,7 +272,7 @@ def _resultant(target, log_hypothesis, hypotheses, p):
     return math.sqrt(cosine * cosine + sine * sine), math.atan2(sine, cosine)
 
 
-@jit
+@subroutine
 def _merge(target, log_hypothesis, hypotheses, p):
     """Moments of one particle's hypotheses (twist: x, y, heading), written over the first."""
     centre = _resultant(target, log_hypothesis, hypotheses, p)[1]

@@ -16,7 +16,7 @@ Unused nodes are chained through their second entry; an unused leaf keeps its ro
 
 import math
 
-from estimators.kernels.jit import inline, jit
+from estimators.kernels.jit import inline, subroutine
 
 ROOTS = 1  # row of the index, where lazy columns have their epochs
 SIZES = 5
@@ -40,7 +40,7 @@ def clear_tree(index, max_landmarks):
     index[:, SIZES, NODES_FREE : LEAVES_FREE + 1] = 0
 
 
-@jit
+@subroutine
 def gather_leaves(j, points, nodes, index, out):
     """A landmark in every particle: out [5, N]; particles that do not have it are left alone."""
     depth = index[SIZES, DEPTH]
@@ -60,7 +60,7 @@ def gather_leaves(j, points, nodes, index, out):
                 out[i, p] = points[row, i]
 
 
-@jit
+@subroutine
 def write_leaves(j, column, points, nodes, index):
     """A landmark of every particle into its tree. column: [5, N]."""
     depth = index[SIZES, DEPTH]
@@ -77,7 +77,7 @@ def write_leaves(j, column, points, nodes, index):
             points[row, i] = column[i, p]
 
 
-@jit
+@subroutine
 def move_roots(nodes, index, source, destination, count):
     """Resampling by `count` moves of particles: links are copied, references counted."""
     for i in range(count):

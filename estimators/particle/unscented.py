@@ -9,7 +9,7 @@ factor (alpha = 1, beta = 0, kappa = 0, as `ukf` by default):
 import math
 
 from estimators.kernels.elementary import angle_between, sincos, wrap_smooth
-from estimators.kernels.jit import inline, jit
+from estimators.kernels.jit import inline, subroutine
 from estimators.kernels.linalg import semidefinite_cholesky
 from estimators.kernels.motion import calibrated, control_std, displacement
 
@@ -17,7 +17,7 @@ _ROOT_2, _ROOT_5 = math.sqrt(2.0), math.sqrt(5.0)
 _CLOSEST = 1e-6  # [m]
 
 
-@jit
+@subroutine
 def predict_poses_unscented(pose, cov, model, control_v, control_w, dt, work):
     """Mean and covariance of every pose through one step; variables: the pose and both controls. work: [11, 3]."""
     v, w = calibrated(model, control_v, control_w)
@@ -79,7 +79,7 @@ def _ray(dx, dy, ux, uy):
     return r, angle_between((ux * dx + uy * dy) / r, (ux * dy - uy * dx) / r)
 
 
-@jit
+@subroutine
 def condition_unscented(pose, cov, p, looks, n_z, work):
     """One particle's pose conditioned on one return after the other; variables: the pose and the point.
 
@@ -196,7 +196,7 @@ def first_sighting_unscented(beam_x, beam_y, distance, var_r, var_b):
     )
 
 
-@jit
+@subroutine
 def start_column_unscented(mx, my, pxx, pxy, pyy, x, y, cosine, sine, distance, cb, sb, var_r, var_b):
     """A landmark's first sighting, in every particle; see `columns.start_column`."""
     for p in range(mx.size):
@@ -206,7 +206,7 @@ def start_column_unscented(mx, my, pxx, pxy, pyy, x, y, cosine, sine, distance, 
         my[p] = y[p] + dy
 
 
-@jit
+@subroutine
 def update_column_unscented(
     mx, my, pxx, pxy, pyy, x, y, cosine, sine, nis_sum, det_product, distance, cb, sb, var_r, var_b
 ):

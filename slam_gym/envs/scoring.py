@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimators.kernels.bound import LATER, Bound, bind, chain
-from estimators.kernels.jit import jit
+from estimators.kernels.jit import subroutine
 from slam_gym import reward
 from slam_gym.metrics import LOST_AFTER, METRIC
 from slam_gym.observation import seen_now
@@ -65,7 +65,7 @@ class Ending:
             raise ValueError(f"terminate_outside must be True or False; got {self.terminate_outside!r}")
 
 
-@jit
+@subroutine
 def _score(lanes, metrics, x, k, b, action, before, border, settings, weights, values, flags, paid, ended):
     """Fill the rows of the lanes [n]; says whether every number of them is defined.
 

@@ -5,6 +5,7 @@ import subprocess
 import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from estimators.kernels import jit as jit_module
@@ -84,3 +85,20 @@ def test_a_function_without_a_file_still_compiles():
     scope = {}
     exec("def double(x):\n    return 2.0 * x\n", scope)
     assert jit_module.jit(scope["double"])(4.0) == 8.0
+
+
+@jit_module.subroutine
+def half(x):
+    return 0.5 * x
+
+
+@jit_module.jit
+def half_and_one(x):
+    return half(x) + 1.0
+
+
+def test_a_subroutine_is_for_kernels_and_python_may_call_it_before_and_after_them():
+    assert half(3.0) == 1.5
+    assert half_and_one(3.0) == 2.5
+    assert half_and_one(np.array([3.0]))[0] == 2.5
+    assert half(np.array([3.0]))[0] == 1.5
