@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from importlib import import_module
 from typing import Any
 
 from slam_gym.benchmark import scaling
@@ -27,17 +28,25 @@ class Size:
     scaled: tuple[str, ...] = ("ekf", "ri-ekf", "cdkf")
     particle: tuple[str, ...] = ("slamto", "fastslam2")
     others: bool = True  # Gymnasium's own vector environments, other packages' filters
+    training: bool = True  # where Stable-Baselines3 is installed
 
 
 QUICK = Size(
     rounds=5, lanes=(1, 64, 256), compared_lanes=(1, 256), landmarks=(10, 100), particles=(10, 100),
     blas_landmarks=(20, 100), gaussian=("ekf", "ri-ekf"), scaled=("ekf",), particle=("fastslam2",),
+    training=False,
 )  # fmt: skip
 
 
 def measure(size: Size, progress: Progress) -> dict[str, Any]:
     """Every table, each measured in one stretch; the keys are what `slam_gym.benchmark.page` reads."""
-    steps = 4 + len(size.scaled) * len(size.landmarks) + len(size.particle) * len(size.particles) + len(size.lanes)
+    steps = (
+        4
+        + size.training
+        + len(size.scaled) * len(size.landmarks)
+        + len(size.particle) * len(size.particles)
+        + len(size.lanes)
+    )
     count = [0]
 
     def note(what: str) -> None:
@@ -58,6 +67,8 @@ def measure(size: Size, progress: Progress) -> dict[str, Any]:
     found["filters"] = take("filters", filter_rows, size.gaussian, 20, size.rounds, size.others)
     found["blas"] = take("filter and BLAS", blas_rows, size.blas_landmarks, size.rounds)
     few = max(3, size.rounds // 3)
+    if size.training:
+        found["training"] = take("training", training_rows)
     note("growth with the map")
     found["landmarks"] = scaling.landmark_rows(size.scaled, size.landmarks, few, done)
     note("growth with the particles")
@@ -66,6 +77,14 @@ def measure(size: Size, progress: Progress) -> dict[str, Any]:
     found["lanes"] = scaling.lane_rows(size.lanes, few, done)
     progress("done", steps, steps)
     return found
+
+
+def training_rows() -> list[dict[str, Any]]:
+    """What `agents.sb3.throughput` measures; nothing where Stable-Baselines3 is not installed."""
+    try:
+        return list(import_module("agents.sb3.throughput").training_rows())
+    except ImportError:
+        return []
 
 
 def growth(rows: Sequence[dict[str, Any]], key: str, name: str) -> float:

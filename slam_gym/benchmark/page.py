@@ -16,8 +16,16 @@ and nine returns, eight landmarks and the target.
 
 def page(found: dict[str, Any], command: str) -> str:
     """Markdown of what `measure` returned."""
-    sections = [HEAD, _machine(found, command), _environment(found), _filters(found), _blas(found), _growth(found)]
-    return "\n".join(sections)
+    sections = [
+        HEAD,
+        _machine(found, command),
+        _environment(found),
+        _filters(found),
+        _blas(found),
+        _training(found),
+        _growth(found),
+    ]
+    return "\n".join(section for section in sections if section)
 
 
 def _table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
@@ -63,6 +71,20 @@ def _blas(found: dict[str, Any]) -> str:
         "## Against BLAS\n\nA whole step of `ekf` (prediction, nine linearisations, gains, covariance) against `dsyrk` "
         "of the same size and rank 18, which is the covariance's arithmetic alone.\n\n"
         + _table(["landmarks", "`ekf`, us", "`dsyrk`, us", "ratio"], rows)
+    )
+
+
+def _training(found: dict[str, Any]) -> str:
+    rows = [
+        [row["name"], f"{row['per_second']:,.0f}", f"{100.0 * row['of_stub']:.0f} %"]
+        for row in found.get("training", [])
+    ]
+    if not rows:
+        return ""
+    return (
+        "## Training\n\nPPO of Stable-Baselines3 on one thread, rollout and learning, in the same scenario. What is "
+        "missing to 100 % is the environment's share of the time.\n\n"
+        + _table(["environment", "decisions per second", "of the stub's"], rows)
     )
 
 

@@ -66,7 +66,7 @@ def found():
     """The smallest measurement of everything."""
     tiny = measure.Size(
         rounds=1, lanes=(1, 2), compared_lanes=(1,), landmarks=(10, 20), particles=(10, 20), blas_landmarks=(10,),
-        gaussian=("ekf",), scaled=("ekf",), particle=("fastslam2",), others=False,
+        gaussian=("ekf",), scaled=("ekf",), particle=("fastslam2",), others=False, training=False,
     )  # fmt: skip
     told = []
     result = measure.measure(tiny, lambda what, done, total: told.append((done, total)))
