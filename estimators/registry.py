@@ -17,6 +17,7 @@ ENTRY_POINT_GROUP = "slam_gym.estimators"
 _BUILT_IN = {
     "dead-reckoning": "estimators.dead_reckoning:DeadReckoning",
     "ekf": "estimators.gaussian.ekf:EKF",
+    "compressed-ekf": "estimators.gaussian.compressed:CompressedEKF",
     "ideal-ekf": "estimators.gaussian.ideal:IdealEKF",
     "fej-ekf": "estimators.gaussian.fej:FEJEKF",
     "oc-ekf": "estimators.gaussian.observability:OCEKF",
