@@ -16,6 +16,7 @@ FOREIGN: dict[str, tuple[str, Callable[..., Any]]] = {
 }
 RANK = 2 * (SEEN + 1)  # of a step's change of the covariance
 SLOW_ROUNDS = 3  # of what takes milliseconds a step
+LONG_WAY, FEW_SWEEPS = 320, 2  # steps of a whole circle, so that new landmarks keep coming; sweeps that make the map
 
 
 def filter_rows(
@@ -43,15 +44,21 @@ def filter_rows(
 
 def blas_rows(landmarks: Sequence[int] = (20, 50, 100, 500), rounds: int = 20) -> list[dict[str, Any]]:
     """Rows (landmarks, microseconds of an EKF step, of BLAS's update of that rank, their ratio)."""
-    rows = []
-    for n in landmarks:
-        stream = make_stream(n)
-        works = {"ekf": our_work("ekf", stream), "blas": dsyrk_work(7 + 2 * n, RANK)}
-        seconds = least_seconds(works, rounds=rounds)
-        step = seconds["ekf"] / STEPS
-        rows.append({"landmarks": n, "microseconds": 1e6 * step, "blas_microseconds": 1e6 * seconds["blas"],
-                     "times_blas": step / seconds["blas"]})  # fmt: skip
-    return rows
+    return [_against_blas("ekf", n, make_stream(n), rounds) for n in landmarks]
+
+
+def compressed_rows(landmarks: Sequence[int] = (100, 1000), rounds: int = 20) -> list[dict[str, Any]]:
+    """As `blas_rows` for `compressed-ekf` on a way of `LONG_WAY` steps, all that it postpones in them included."""
+    streams = {n: make_stream(n, before=FEW_SWEEPS, steps=LONG_WAY) for n in landmarks}
+    return [_against_blas("compressed-ekf", n, stream, rounds) for n, stream in streams.items()]
+
+
+def _against_blas(name: str, landmarks: int, stream: Stream, rounds: int) -> dict[str, Any]:
+    works = {name: our_work(name, stream), "blas": dsyrk_work(7 + 2 * landmarks, RANK)}
+    seconds = least_seconds(works, rounds=rounds)
+    step = seconds[name] / len(stream.rest)
+    return {"landmarks": landmarks, "microseconds": 1e6 * step, "blas_microseconds": 1e6 * seconds["blas"],
+            "times_blas": step / seconds["blas"]}  # fmt: skip
 
 
 def our_work(name: str, stream: Stream, num_lanes: int = 1, **options: Any) -> Work:

@@ -7,7 +7,7 @@ from typing import Any
 
 from slam_gym.benchmark import scaling
 from slam_gym.benchmark.environment import environment_rows
-from slam_gym.benchmark.filters import blas_rows, filter_rows
+from slam_gym.benchmark.filters import blas_rows, compressed_rows, filter_rows
 from slam_gym.benchmark.floors import peak_gflops
 from slam_gym.benchmark.machine import machine
 
@@ -24,6 +24,7 @@ class Size:
     landmarks: tuple[int, ...] = (10, 20, 50, 100, 200, 500, 1000)
     particles: tuple[int, ...] = (10, 30, 100, 300, 1000, 3000, 10000)
     blas_landmarks: tuple[int, ...] = (20, 50, 100, 500)
+    compressed_landmarks: tuple[int, ...] = (100, 1000)
     gaussian: tuple[str, ...] = ("ekf", "fej-ekf", "ri-ekf", "cdkf", "ri-cdkf", "taylor-ekf")
     scaled: tuple[str, ...] = ("ekf", "ri-ekf", "cdkf")
     particle: tuple[str, ...] = ("slamto", "fastslam2")
@@ -33,15 +34,15 @@ class Size:
 
 QUICK = Size(
     rounds=5, lanes=(1, 64, 256), compared_lanes=(1, 256), landmarks=(10, 100), particles=(10, 100),
-    blas_landmarks=(20, 100), gaussian=("ekf", "ri-ekf"), scaled=("ekf",), particle=("fastslam2",),
-    training=False,
+    blas_landmarks=(20, 100), compressed_landmarks=(100,), gaussian=("ekf", "ri-ekf"), scaled=("ekf",),
+    particle=("fastslam2",), training=False,
 )  # fmt: skip
 
 
 def measure(size: Size, progress: Progress) -> dict[str, Any]:
     """Every table, each measured in one stretch; the keys are what `slam_gym.benchmark.page` reads."""
     steps = (
-        4
+        5
         + size.training
         + len(size.scaled) * len(size.landmarks)
         + len(size.particle) * len(size.particles)
@@ -66,6 +67,7 @@ def measure(size: Size, progress: Progress) -> dict[str, Any]:
     found["environment"] = take("environments", environment_rows, size.compared_lanes, size.rounds, size.others)
     found["filters"] = take("filters", filter_rows, size.gaussian, 20, size.rounds, size.others)
     found["blas"] = take("filter and BLAS", blas_rows, size.blas_landmarks, size.rounds)
+    found["compressed"] = take("compressed filter and BLAS", compressed_rows, size.compressed_landmarks, size.rounds)
     few = max(3, size.rounds // 3)
     if size.training:
         found["training"] = take("training", training_rows)

@@ -62,15 +62,12 @@ def _filters(found: dict[str, Any]) -> str:
 
 
 def _blas(found: dict[str, Any]) -> str:
-    rows = [
-        [str(row["landmarks"]), _digits(row["microseconds"]), _digits(row["blas_microseconds"]),
-         f"{row['times_blas']:.2f}"]
-        for row in found["blas"]
-    ]  # fmt: skip
     return (
         "## Against BLAS\n\nA whole step of `ekf` (prediction, nine linearisations, gains, covariance) against `dsyrk` "
         "of the same size and rank 18, which is the covariance's arithmetic alone.\n\n"
-        + _table(["landmarks", "`ekf`, us", "`dsyrk`, us", "ratio"], rows)
+        + _ratios("ekf", found["blas"])
+        + "\n`compressed-ekf` on a whole circle of driving, with all that it puts off until it has to be done.\n\n"
+        + _ratios("compressed-ekf", found["compressed"])
     )
 
 
@@ -86,6 +83,15 @@ def _training(found: dict[str, Any]) -> str:
         "missing to 100 % is the environment's share of the time.\n\n"
         + _table(["environment", "decisions per second", "of the stub's"], rows)
     )
+
+
+def _ratios(name: str, rows: Sequence[dict[str, Any]]) -> str:
+    lines = [
+        [str(row["landmarks"]), _digits(row["microseconds"]), _digits(row["blas_microseconds"]),
+         f"{row['times_blas']:.2f}"]
+        for row in rows
+    ]  # fmt: skip
+    return _table(["landmarks", f"`{name}`, us", "`dsyrk`, us", "ratio"], lines)
 
 
 def _growth(found: dict[str, Any]) -> str:

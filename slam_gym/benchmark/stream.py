@@ -37,27 +37,27 @@ class Sweep:
 
 @dataclass(frozen=True)
 class Stream:
-    """N landmarks, `BEFORE` sweeps of all of them, then `STEPS` of the `SEEN` nearest; the target is in each."""
+    """N landmarks, some sweeps of all of them, then some of the `SEEN` nearest; the target is in each."""
 
     landmarks: int
     first: list[Sweep]
     rest: list[Sweep]
 
 
-def make_stream(landmarks: int, seed: int = 0) -> Stream:
-    """A robot on a slow circle among landmarks, a target that crosses."""
+def make_stream(landmarks: int, seed: int = 0, before: int = BEFORE, steps: int = STEPS) -> Stream:
+    """A robot on a slow circle among landmarks, a target that crosses; `before` sweeps of all, then `steps`."""
     rng = np.random.default_rng(seed)
     points = rng.uniform(-10.0, 10.0, (landmarks, 2))
     pose, target = np.zeros(3), np.array([4.0, 1.0])
     sweeps = []
-    for step in range(BEFORE + STEPS):
+    for step in range(before + steps):
         control = (0.5, 0.2)
         pose[2] += control[1] * DT
         pose[:2] += control[0] * DT * np.array([np.cos(pose[2]), np.sin(pose[2])])
         target = target + DT * np.array([0.3, 0.2])
         offsets = points - pose[:2]
         chosen = np.arange(landmarks)
-        if step >= BEFORE:
+        if step >= before:
             chosen = np.argsort(np.hypot(*offsets.T))[:SEEN]
         seen = np.vstack([offsets[chosen], target - pose[:2]])
         r = np.hypot(*seen.T)
@@ -66,7 +66,7 @@ def make_stream(landmarks: int, seed: int = 0) -> Stream:
         returns = np.column_stack([r, b]) + noise
         returns[:, 1] = (returns[:, 1] + np.pi) % (2.0 * np.pi) - np.pi
         sweeps.append(Sweep(control, returns, np.append(chosen, TARGET)))
-    return Stream(landmarks, sweeps[:BEFORE], sweeps[BEFORE:])
+    return Stream(landmarks, sweeps[:before], sweeps[before:])
 
 
 def settled(name: str, stream: Stream, num_lanes: int = 1, **options: Any) -> Estimator:

@@ -66,7 +66,8 @@ def found():
     """The smallest measurement of everything."""
     tiny = measure.Size(
         rounds=1, lanes=(1, 2), compared_lanes=(1,), landmarks=(10, 20), particles=(10, 20), blas_landmarks=(10,),
-        gaussian=("ekf",), scaled=("ekf",), particle=("fastslam2",), others=False, training=False,
+        compressed_landmarks=(10,), gaussian=("ekf",), scaled=("ekf",), particle=("fastslam2",), others=False,
+        training=False,
     )  # fmt: skip
     told = []
     result = measure.measure(tiny, lambda what, done, total: told.append((done, total)))
@@ -77,7 +78,7 @@ def found():
 def test_the_page_has_every_table(found):
     text = page.page(found, "slam-gym benchmark")
     assert [line for line in text.splitlines() if line.startswith("## ")] == SECTIONS
-    for name in ("clean NumPy", "gym.make", "CartPole", "`ekf`, us", "exponent"):
+    for name in ("clean NumPy", "gym.make", "CartPole", "`ekf`, us", "`compressed-ekf`, us", "exponent"):
         assert name in text
 
 
