@@ -15,6 +15,7 @@ from llvmlite import binding as llvm  # type: ignore[import-untyped, unused-igno
 from numba.core.codegen import JITCodeLibrary
 from numba.core.compiler import CompilerBase, DefaultPassBuilder
 from numba.core.registry import CPUDispatcher
+from numba.core.types import unliteral
 
 _NJIT = {"nopython": True, "boundscheck": None}  # what `numba.njit` adds to the options
 _ENVIRONMENT = "_ZN08NumbaEnv"  # begins the names of the variables that numba sets in compiled code
@@ -59,6 +60,10 @@ class Subroutine(CPUDispatcher):  # type: ignore[misc, unused-ignore]
     ) -> None:
         options = {**_NJIT, "no_cpython_wrapper": True, **(targetoptions or {})}
         super().__init__(py_func, locals, options, pipeline_class)
+
+    def get_call_template(self, args: Any, kws: Any) -> Any:
+        """Numba's; a constant argument is a number like any other, not a reason to compile the function once more."""
+        return super().get_call_template(tuple(map(unliteral, args)), {k: unliteral(v) for k, v in kws.items()})
 
     def __call__(self, *arguments: Any) -> Any:
         """What Python gets."""
