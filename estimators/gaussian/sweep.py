@@ -1,6 +1,11 @@
 """What every filter's update shares: association before it, and the book-keeping of returns that were not used."""
 
-from estimators.kernels.association import DROPPED, JCBB, NEAREST, TARGET_SLOT, nearest, slot_by_label
+from typing import Any
+
+import numba
+from numba.extending import overload
+
+from estimators.kernels.association import DROPPED, JCBB, KNOWN, NEAREST, TARGET_SLOT, nearest, slot_by_label
 from estimators.kernels.gaussian import ROBOT, clear_rows
 from estimators.kernels.jit import inline
 from estimators.kernels.joint_compatibility import jcbb
@@ -19,6 +24,47 @@ GATE_REJECTED, NOT_POSITIVE, OVERFLOW, REINITIALISED, DROPPED_RETURN, SEARCH_CUT
 WITHHELD = -5  # in the last column of `slots`: the target's returns are taken by themselves; and the slot they then get
 USED, UNUSABLE, UNLIKELY = 0, 1, 2  # what became of a return
 
+_ABSORBED: Any = {"no_cpython_wrapper": True, "no_cfunc_wrapper": True, "forceinline": True}
+
+
+def search(
+    code, lane, mu, P, model, n_t, count, target_known, ranges, bearings, labels, num_returns, gates, cost, slots
+):  # fmt: skip
+    """The search that `code` stands for, see `nearest` and `jcbb`; whether it ran to its end. For kernels only."""
+    raise NotImplementedError
+
+
+@overload(search, jit_options=_ABSORBED)
+def _search(
+    code, lane, mu, P, model, n_t, count, target_known, ranges, bearings, labels, num_returns, gates, cost, slots
+):  # fmt: skip
+    """Told by the type of the code, so that a filter compiles the search that it uses and no other."""
+
+    def by_labels(
+        code, lane, mu, P, model, n_t, count, target_known, ranges, bearings, labels, num_returns, gates, cost, slots
+    ):  # fmt: skip
+        return True
+
+    def one_by_one(
+        code, lane, mu, P, model, n_t, count, target_known, ranges, bearings, labels, num_returns, gates, cost, slots
+    ):  # fmt: skip
+        nearest(
+            lane, mu, P, model, n_t, count, target_known, ranges, bearings, labels, num_returns, gates[1], gates[2],
+            cost, slots,
+        )  # fmt: skip
+        return True
+
+    def jointly(
+        code, lane, mu, P, model, n_t, count, target_known, ranges, bearings, labels, num_returns, gates, cost, slots
+    ):  # fmt: skip
+        return jcbb(
+            lane, mu, P, model, n_t, count, target_known, ranges, bearings, labels, num_returns, gates[1], gates[2],
+            gates[3:], cost, slots,
+        )  # fmt: skip
+
+    found: dict[Any, Any] = {numba.typeof(NEAREST): one_by_one, numba.typeof(JCBB): jointly}
+    return found.get(code, by_labels)
+
 
 @inline
 def associate(
@@ -29,22 +75,17 @@ def associate(
 
     gates: (gate, match_gate, new_gate), for "jcbb" with `joint_gates` behind them.
     """
-    if code == NEAREST:
-        nearest(
-            lane, mu, P, model, n_t, count[lane], target_known[lane], ranges, bearings, labels, num_returns, gates[1],
-            gates[2], cost, slots,
-        )  # fmt: skip
-    elif code == JCBB:
-        complete = jcbb(
-            lane, mu, P, model, n_t, count[lane], target_known[lane], ranges, bearings, labels, num_returns, gates[1],
-            gates[2], gates[3:], cost, slots,
-        )  # fmt: skip
-        counters[lane, SEARCH_CUT] += not complete
-    else:
+    if code == KNOWN:
         for k in range(num_returns):
             slots[lane, k] = slot_by_label(
                 ids, lane, count[lane], labels[lane, k], ranges[lane, k], bearings[lane, k], n_t > 0
             )
+    else:
+        complete = search(
+            code, lane, mu, P, model, n_t, count[lane], target_known[lane], ranges, bearings, labels, num_returns,
+            gates, cost, slots,
+        )  # fmt: skip
+        counters[lane, SEARCH_CUT] += not complete
     withheld = slots[lane, slots.shape[1] - 1] == WITHHELD
     for k in range(num_returns):
         if slots[lane, k] == DROPPED:

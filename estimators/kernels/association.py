@@ -5,13 +5,16 @@ The answer is one integer per return: a landmark's slot, or one of the codes bel
 
 import math
 
+import numpy as np
+
 from estimators.interface import TARGET, UNKNOWN
 from estimators.kernels.angles import wrap
 from estimators.kernels.gaussian import ROBOT, innovation_cov, nis_and_log_det
 from estimators.kernels.jit import inline, subroutine
 from estimators.kernels.range_bearing import gradient, measure, noise_std, usable
 
-KNOWN, NEAREST, JCBB = 0, 1, 2
+KNOWN, NEAREST, JCBB = 0, np.uint16(1), np.uint8(2)
+"""Each of a type of its own: kernels are compiled by types, so a filter has the search that it uses and no other."""
 TARGET_SLOT = -2  # the return is the target's
 NEW = -3  # a landmark not yet in the map
 DROPPED = -4  # neither: unusable, ambiguous, or without a label that could be used
