@@ -41,7 +41,8 @@ from slam_gym.scenario import Scenario
 Progress = Callable[[str, int, int], None]  # (what is being done, runs done, runs in all)
 
 MAX_LANES = 32  # of a unit: beyond it nothing is gained, and a kill loses more
-UNITS_PER_JOB = 4  # so that workers end at about the same time
+UNITS_PER_JOB = 4  # at most: so that workers end at about the same time
+ENOUGH_LANES = 24  # of a unit: from here on a step's work in Python is small beside the filters'
 MAX_VALUES = 30_000_000  # numbers that a unit holds in memory at once (240 MB)
 
 
@@ -161,7 +162,7 @@ def _work(
     for index, combination in enumerate(plan.combinations):
         done = finished_runs(folder, index)
         missing = [run for run in wanted if run not in done]
-        size = chunk or _chunk(combination, len(missing), crew.jobs * UNITS_PER_JOB / len(plan.combinations))
+        size = chunk or _chunk(combination, len(missing), crew.jobs, len(plan.combinations))
         for first in range(0, len(missing), size):
             runs = tuple(missing[first : first + size])
             units.append(Unit(index, runs, folder / "parts" / f"{index:03d}" / f"{runs[0]:06d}.npz"))
@@ -179,10 +180,12 @@ def _work(
         progress(plan.combinations[unit.combination].name, finished, total)
 
 
-def _chunk(combination: Combination, runs: int, units: float) -> int:
+def _chunk(combination: Combination, runs: int, jobs: int, combinations: int) -> int:
+    """Runs in a unit: few enough to occupy all workers, many enough to be worth a step's work in Python."""
     held = int(combination.scenario.max_steps) * len(combination.estimators) * 16
     most = max(1, min(MAX_LANES, MAX_VALUES // held))
-    return max(1, min(most, math.ceil(runs / max(1.0, units))))
+    units_per_job = min(UNITS_PER_JOB, math.ceil(combinations * runs / (jobs * ENOUGH_LANES)))
+    return max(1, min(most, math.ceil(combinations * runs / (jobs * max(1, units_per_job)))))
 
 
 def _warm_up(plan: Plan, crew: Workers) -> None:

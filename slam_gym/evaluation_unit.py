@@ -112,7 +112,8 @@ class _Episodes:
         self.view.attach(self.simulation, driver)
         self.simulation.reset(self.seeds)
         self.max_steps, self.hold = int(scenario.max_steps), int(scenario.hold)
-        self.values = np.full((len(specs), lanes, self.max_steps, len(FIELDS)), np.nan)
+        # A step's numbers lie together, so that to keep them is one plain copy.
+        self.values = np.full((len(specs), self.max_steps, lanes, len(FIELDS)), np.nan)
         self.age = np.full((lanes, self.max_steps), np.nan)
         self.steps = np.zeros(lanes, dtype=np.int64)
         self.effort = np.zeros(lanes)
@@ -152,15 +153,12 @@ class _Episodes:
         world = self.simulation.world
         if world.has_target:
             self.age[going, step] = world.time_since_seen[going]
+        drawn = [int(lane) for lane in self.drawn if self.steps[lane] == step + 1]
         for e in range(len(self.values)):
-            record = self.simulation.measure(e, score_map=self.score_map)
-            values = record.view(np.float64).reshape(len(record), -1)[going]
-            # An estimate that is no number is infinitely wrong: counted, never dropped.
-            values[np.isnan(values[:, 0]), 0] = np.inf
-            self.values[e, going, step] = values
-            for lane in map(int, self.drawn):
-                if self.steps[lane] == step + 1:
-                    self.rows[e].append(self._track(e, lane, step))
+            self.simulation.measure(e, score_map=self.score_map)
+            self.values[e, step] = self.simulation.meters[e].values
+            for lane in drawn:
+                self.rows[e].append(self._track(e, lane, step))
 
     def _track(self, e: int, lane: int, step: int) -> Floats:
         world, belief = self.simulation.world, self.simulation.estimators[e].belief
@@ -194,13 +192,18 @@ class _Episodes:
     def _records(self, e: int) -> Records:
         simulation = self.simulation
         last = max(1, int(self.steps.max()))
+        values = self.values[e, :last].swapaxes(0, 1)  # [R, T, F]
+        over = np.arange(last) >= self.steps[:, None]  # [R, T]
+        values[over] = np.nan
+        # An estimate that is no number is infinitely wrong: counted, never dropped.
+        values[~over & np.isnan(values[:, :, 0]), 0] = np.inf
         timing = [simulation.predict_seconds[e], simulation.predict_calls[e],
                   simulation.update_seconds[e], simulation.update_calls[e]]  # fmt: skip
         return Records(
             run=self.run_index,
             seed=self.seeds,
             steps=self.steps.copy(),
-            values=self.values[e][:, :last],
+            values=values,
             age=self.age[:, :last],
             time=np.arange(1, last + 1, dtype=np.float64) * self.scenario.dt,
             collisions=np.array(simulation.world.collisions, dtype=np.int64),

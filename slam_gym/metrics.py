@@ -43,15 +43,15 @@ class Meter:
         landmark_gate: [m], see `match_landmarks`.
 
     Attributes:
-        record: [L] of `METRIC`, refilled by each `measure`.
+        record: [L] of `METRIC`, refilled by each `measure`; values [L, F]: the same numbers, its fields in order.
     """
 
     def __init__(self, num_lanes: int, max_landmarks: int, *, landmark_gate: float = LANDMARK_GATE) -> None:
         self.num_lanes, self.max_landmarks = int(num_lanes), int(max_landmarks)
         self.landmark_gate = float(landmark_gate)
         self.record: NDArray[np.void] = np.zeros(self.num_lanes, dtype=METRIC)
-        self._values: Floats = self.record.view(np.float64).reshape(self.num_lanes, -1)
-        self._values.fill(np.nan)
+        self.values: Floats = self.record.view(np.float64).reshape(self.num_lanes, -1)
+        self.values.fill(np.nan)
         self._all = np.arange(self.num_lanes)
         self._no_target = np.full((self.num_lanes, 4), np.nan)
         self._match = np.full((self.num_lanes, self.max_landmarks), -1, dtype=np.int64)
@@ -104,7 +104,7 @@ class Meter:
         belief.pose  # noqa: B018  (refreshes robot and target)
         measure(
             lanes, *_BELIEF(belief.buffers), world_pose, world_target, target_heading,
-            self._codes, self._truth, self._work, self._values,
+            self._codes, self._truth, self._work, self.values,
         )  # fmt: skip
         if world_landmarks is not None:
             if landmark_count is None:
@@ -112,7 +112,7 @@ class Meter:
             match = belief.landmark_id  # refreshes the map
             if not labelled:
                 match = self._match_lanes(belief, world_landmarks, landmark_count, lanes)
-            measure_map(lanes, *_MAP(belief.buffers), match, world_landmarks, landmark_count, self._values)
+            measure_map(lanes, *_MAP(belief.buffers), match, world_landmarks, landmark_count, self.values)
         return self.record
 
     def bound(
@@ -130,13 +130,13 @@ class Meter:
         core = bind(
             measure, LATER, *_BELIEF(belief.buffers), world_pose,
             self._no_target if world_target is None else world_target, target_heading,
-            self._codes, self._truth, self._work, self._values,
+            self._codes, self._truth, self._work, self.values,
         )  # fmt: skip
         if world_landmarks is None:
             return core
         marks = bind(
             measure_map, LATER, *_MAP(belief.buffers), belief.buffers["landmark_id"], world_landmarks, landmark_count,
-            self._values,
+            self.values,
         )  # fmt: skip
         return chain(core, marks)
 

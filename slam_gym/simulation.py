@@ -54,7 +54,8 @@ class Simulation:
         self.names = [name for name, _ in estimators]
         self.estimators = [self._build(name, options, allow_truth) for name, options in estimators]
         self.meters = [Meter(num_lanes, e.max_landmarks) for e in self.estimators]
-        self.is_plain = not timed and not any(isinstance(e, TruthAware) for e in self.estimators)
+        self._told = [e for e in self.estimators if isinstance(e, TruthAware)]
+        self.is_plain = not timed and not self._told
         self.clouds: dict[int, TargetCloud] = {}
         self._period = int(scenario.sensor_period)
         self._altered = np.zeros(self.num_lanes, dtype=np.bool_)  # lanes whose models reset options have changed
@@ -164,12 +165,11 @@ class Simulation:
     def _advance_watched(self, command: Floats, lanes: Ints | None) -> None:
         """`advance` with clocks, and with the truth for those that are told it."""
         world = self.world
-        for estimator in self.estimators:
-            self._tell(estimator)
+        self._tell()
         world.step(command, lanes)
+        self._tell()
         due = self.due(lanes)
         for e, estimator in enumerate(self.estimators):
-            self._tell(estimator)
             began = perf_counter()
             estimator.predict(world.odometry, self.dt, lanes=lanes)
             moved = perf_counter()
@@ -181,8 +181,8 @@ class Simulation:
                 self.update_calls[e] += len(due)
         self._advance_clouds(lanes, due)
 
-    def _tell(self, estimator: Estimator) -> None:
-        if isinstance(estimator, TruthAware):
+    def _tell(self) -> None:
+        for estimator in self._told:
             estimator.set_truth(self.world.pose, self.world.target, self.world.landmarks)
 
     def measure(self, index: int = 0, lanes: Ints | None = None, *, score_map: bool = True) -> NDArray[np.void]:

@@ -189,6 +189,7 @@ class SLAMTO(Estimator):
                 self._target[lane, 0] = target_rows(prior.target[i], prior.target_cov[i])[:, None]
                 self._log_hypothesis[lane, 0] = 0.0
                 self._state["hypotheses"][lane] = 1
+        self._resample_lanes(self.all_lanes[:0])  # compiled now, not in the middle of an episode
         self.belief.mark_stale()
 
     def _start(self, lane: int, mean: Floats, cov: Floats, key: np.uint64) -> None:
@@ -245,8 +246,10 @@ class SLAMTO(Estimator):
             self._returns = (np.zeros(shape), np.zeros(shape), np.zeros(shape, dtype=np.int64), np.zeros(width))
 
     def _resample(self, chosen: Ints) -> None:
-        if self._store != TREE and not self._state["due"].any():
-            return  # the usual case, at a fraction of the kernel call's time
+        if self._store == TREE or self._state["due"].any():  # else, as is usual, not even a kernel call
+            self._resample_lanes(chosen)
+
+    def _resample_lanes(self, chosen: Ints) -> None:
         resample_lanes(
             chosen, self._state, self._pose, self._pose_cov, self._maps, self._points, self._ancestors, self._index,
             self._target, self._log_hypothesis, self._log_w, self._w, self._used, self._exists, self._places,

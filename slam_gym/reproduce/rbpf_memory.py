@@ -1,8 +1,11 @@
 """Wang and Wang 2019, Figure 5: memory of the map in arrays and in a tree, against landmarks and particles."""
 
+from collections.abc import Sequence
+
 import numpy as np
 from matplotlib.figure import Figure
 
+from slam_gym.evaluation_backend import workers
 from slam_gym.palette import styles
 from slam_gym.plots import new_figure
 from slam_gym.reproduce.experiment import Choice, Drawing, Experiment, Grid, Outcome
@@ -39,14 +42,21 @@ def run(study: Study) -> Outcome:
 
 
 def _sizes(study: Study, landmarks: int, particles: int) -> dict[str, list[float]]:
+    """Rounds side by side: memory, unlike time, does not mind."""
     rounds = study.size(ROUNDS, QUICK_ROUNDS)
-    found: dict[str, list[float]] = {storage: [] for storage in STORES}
-    for seed in range(rounds):
-        study.progress(f"{landmarks} landmarks, {particles} particles", seed, rounds)
-        driven = drive_round(landmarks, particles, seed)
-        for storage, values in found.items():
-            values.append(driven.megabytes(storage))
-    return found
+    found: dict[int, Sequence[float]] = {}
+    with workers(study.jobs) as crew:
+        for seed, megabytes in crew.results([(_megabytes, (landmarks, particles, seed)) for seed in range(rounds)]):
+            found[seed] = megabytes
+            study.progress(f"{landmarks} landmarks, {particles} particles", len(found), rounds)
+    by_storage = zip(*(found[seed] for seed in range(rounds)), strict=True)
+    return {storage: list(values) for storage, values in zip(STORES, by_storage, strict=True)}
+
+
+def _megabytes(landmarks: int, particles: int, seed: int) -> tuple[int, list[float]]:
+    """The round's seed, and the maps' size by storage, in the order of `STORES`."""
+    driven = drive_round(landmarks, particles, seed)
+    return seed, [driven.megabytes(storage) for storage in STORES]
 
 
 def _claims(by_landmarks: Sizes) -> list[Claim]:

@@ -1,3 +1,4 @@
+import gc
 import json
 import os
 import signal
@@ -8,9 +9,11 @@ import time
 import numpy as np
 import pandas as pd
 import pytest
+from numba.core.dispatcher import Dispatcher
 
-from slam_gym.evaluation import compare, merge
-from slam_gym.evaluation_plan import run_seeds
+from slam_gym.evaluation import _chunk, compare, merge
+from slam_gym.evaluation_plan import make_plan, run_seeds
+from slam_gym.evaluation_unit import simulate, warm_up
 from slam_gym.results import Results
 
 ESTIMATORS = ("ekf", "dead-reckoning")
@@ -175,3 +178,32 @@ def test_options_reach_estimators_policies_and_scenarios():
     assert combination["scenario"]["filter"]["noise_inflation"] == 2.0
     assert combination["policy"] == {"label": "pursuit:stand_off=3", "name": "pursuit", "options": {"stand_off": 3}}
     assert not found.path.exists()  # nothing asked to stay
+
+
+@pytest.mark.parametrize("name", ["ri-ekf", "slamto:particles=30"])
+def test_after_the_warm_up_a_run_compiles_nothing(name):
+    """Compiling in the middle of a run would count as the filter's time, and stop the live view."""
+    plan = make_plan(
+        ["default"], [name], None, seed=0, mode="shared", driver=None, steps=150, burn_in=None, tracks=1, overrides={},
+        estimator_options={},
+    )  # fmt: skip
+    combination = plan.combinations[0]
+    warm_up(combination, combination.estimators)
+    before = compiled_kernels()
+    records = simulate(combination, 0, range(2), tracks=1)
+    assert compiled_kernels() == before
+    assert records[0].counts.get("resampled", np.ones(1)).sum() > 0
+
+
+def compiled_kernels():
+    found = [d for d in gc.get_objects() if isinstance(d, Dispatcher) and d.overloads]
+    return {(d.py_func.__module__, d.py_func.__qualname__): len(d.overloads) for d in found}
+
+
+def test_units_occupy_all_workers_and_are_large_enough():
+    plan = make_plan(
+        ["default"], ["ekf"], None, seed=0, mode="shared", driver=None, steps=100, burn_in=None, tracks=0, overrides={},
+        estimator_options={},
+    )  # fmt: skip
+    sizes = {runs: _chunk(plan.combinations[0], runs, 2, 1) for runs in (1, 3, 40, 45, 200, 10_000)}
+    assert sizes == {1: 1, 3: 2, 40: 20, 45: 23, 200: 25, 10_000: 32}
