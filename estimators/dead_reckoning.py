@@ -1,5 +1,7 @@
 """Odometry alone: the floor that every filter must beat, and the tracker that follows a target from a given pose."""
 
+from typing import Any
+
 import numpy as np
 
 from estimators.gaussian.considered import keep_pose, put_pose_back
@@ -84,6 +86,9 @@ class DeadReckoning(GaussianEstimator):
     def linear_points(self) -> tuple[Floats, int, int]:
         """See `GaussianEstimator.linear_points`."""
         return self.mu, ROBOT, CONSIDERED
+
+    def _scratch(self) -> tuple[Any, ...]:
+        return (*super()._scratch(), self.kept)
 
     def _prediction(self, control: Floats, dt: Floats) -> Call:
         return (

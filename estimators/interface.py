@@ -60,6 +60,7 @@ class BoundCalls(NamedTuple):
     predict: "Bound"
     update: "Bound"
     fill: "Bound"  # the belief's buffers, all of them
+    scratch: tuple[Any, ...] = ()  # arrays that these write and nobody reads: threads need their own
 
 
 @dataclass(frozen=True, slots=True)

@@ -5,8 +5,7 @@ whatever is commanded and estimated, for any number of lanes and threads.
 """
 
 import math
-from collections.abc import Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -20,6 +19,7 @@ from slam_gym.scenario import Scenario
 from slam_gym.scenario_fields import low_high
 from slam_gym.scenario_io import read_columns
 from slam_gym.scenario_models import build_models
+from slam_gym.threads import Crew
 from slam_gym.world_layout import begin
 from slam_gym.world_numbers import ONE_SIGMA, Ranges, model_numbers
 from slam_gym.world_state import VECTOR, Blocks
@@ -52,6 +52,7 @@ class World:
         collisions: [L] how often the robot ran into a pillar; in_collision [L] whether it touches one.
         overflow: [L] returns that found no room in a sweep.
         step_count: [L] simulation steps of this episode. start_pose [L, 3], start_cov [L, 3, 3]: the filter's prior.
+        crew: the threads.
         numbers: [L] of `WORLD`, this episode's. key, episode: [L] that name its random draws.
         floats, integers, flags: the blocks that all these lie in; see `world_state`.
         models_vary: whether `lane_models` differ between lanes or episodes.
@@ -113,7 +114,7 @@ class World:
         self.start_cov: Floats = np.zeros((L, 3, 3))
         self._arguments = (self.numbers, self._blocks.floats, self._blocks.integers, self._blocks.flags)
         self._step = bind(step, LATER, LATER, *self._arguments)
-        self._pool: ThreadPoolExecutor | None = None
+        self.crew = Crew(self.threads)
 
     def reset(self, seeds: ArrayLike, lanes: Ints | None = None, options: Mapping[str, Any] | None = None) -> None:
         """Begin an episode in the named lanes.
@@ -179,15 +180,13 @@ class World:
         return bool((self.origin[lane, : self.scan.count[lane]] == TARGET).any())
 
     def bound_step(self, command: Floats) -> Bound:
-        """The kernel of `step` for ever the same array of commands, on one thread; it takes the lanes."""
+        """The kernel of `step` for ever the same array of commands, on the thread that calls it; it takes the lanes."""
         return bind(step, LATER, command, *self._arguments)
 
     def _share(self, command: Floats, lanes: Ints) -> None:
         """Every thread takes a run of lanes; they touch nothing in common."""
-        if self._pool is None:
-            self._pool = ThreadPoolExecutor(self.threads, thread_name_prefix="slam-gym-world")
-        parts: Sequence[Ints] = np.array_split(lanes, min(self.threads, len(lanes)))
-        list(self._pool.map(lambda part: self._step(part, command), parts))
+        parts = np.array_split(lanes, min(self.threads, len(lanes)))
+        self.crew.run([(lambda part: self._step(part, command), part) for part in parts])
 
     def target_start(self, lanes: Ints | None = None) -> tuple[Floats, Floats] | None:
         """The filter's prior of the target: mean [n, n_t] and covariance [n, n_t, n_t]; None where it is not told."""

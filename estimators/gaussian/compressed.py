@@ -188,6 +188,9 @@ class CompressedEKF(EKF):
         """See `GaussianEstimator.linear_points`."""
         return self.a_mu, ROBOT, AT_MEAN
 
+    def _scratch(self) -> tuple[Any, ...]:
+        return (*super()._scratch(), *self._waking)
+
     def _prediction(self, control: Floats, dt: Floats) -> Call:
         return (
             predict, self.a_mu, self.a_P, self.models, self.n_t, self.a_count, self.target_known, self.pending, control,

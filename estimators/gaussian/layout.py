@@ -243,7 +243,12 @@ class GaussianEstimator(Estimator):
             bind(*self._prediction(control, dt)),
             chain(*(bind(*call) for call in self._corrections(scan))),
             chain(self._core, self._map),
+            self._scratch(),
         )
+
+    def _scratch(self) -> tuple[Any, ...]:
+        """Arrays without a lane that kernels write; a filter with more of them adds its own."""
+        return self.work, self.cost
 
     def make_room(self, width: int) -> None:
         """Give the scratch of an association room for sweeps of that width."""

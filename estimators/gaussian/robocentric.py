@@ -244,7 +244,11 @@ class RobocentricEKF(GaussianEstimator):
             bind(*self._prediction(control, dt)),
             chain(*(bind(*call) for call in self._corrections(scan))),
             chain(self._world, self._core, self._map),
+            self._scratch(),
         )
+
+    def _scratch(self) -> tuple[Any, ...]:
+        return (*super()._scratch(), self.half, self.at, self.coef)
 
     def _prediction(self, control: Floats, dt: Floats) -> Call:
         return (

@@ -199,6 +199,9 @@ class SigmaPointFilter(GaussianEstimator):
         self.rule: Floats = np.zeros(3)
         self.scratch: Floats = np.zeros((4, 5, 5))
 
+    def _scratch(self) -> tuple[Any, ...]:
+        return (*super()._scratch(), self.scratch)
+
     def _prediction(self, control: Floats, dt: Floats) -> Call:
         return (
             predict, self.mu, self.P, self.models, self.n_t, self.count, self.target_known, self.pending, control, dt,

@@ -8,7 +8,7 @@ Results are the same to the last bit.
 
 import hashlib
 import importlib
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from functools import cache, partial
 from pathlib import Path
 from typing import Any
@@ -22,6 +22,7 @@ from numba.extending import intrinsic
 from numba.np.arrayobj import populate_array
 
 from estimators.kernels.jit import inline, jit, source_stamp
+from estimators.kernels.simd import aligned_zeros
 
 
 class _Later:
@@ -49,6 +50,16 @@ class Bound(partial[Any]):
     parts: tuple[Part, ...]
     table: Any
 
+    def given(self, *later: Any) -> "Bound":
+        """The same with its first later arguments bound too."""
+        return _bind(tuple((kernel, _filled(arguments, later)) for kernel, arguments in self.parts))
+
+    def apart(self, scratch: Iterable[Any]) -> "Bound":
+        """The same with scratch of its own in the place of these arrays: for another thread. Nothing is compiled."""
+        own = {id(array): _copy(array) for array in scratch}
+        parts = ((kernel, tuple(own.get(id(one), one) for one in arguments)) for kernel, arguments in self.parts)
+        return _bind(tuple(parts))
+
     def __reduce__(self) -> Any:
         """By the kernels' names: an address means nothing elsewhere."""
         named = tuple((kernel.__module__, kernel.__name__, arguments) for kernel, arguments in self.parts)
@@ -75,6 +86,18 @@ def chain(*calls: Bound) -> Bound:
     first of its own `LATER` arguments is the chain's first.
     """
     return _bind(tuple(part for call in calls for part in call.parts))
+
+
+def _copy(array: Any) -> Any:
+    own = aligned_zeros(*array.shape) if array.dtype == np.float64 else np.empty_like(array)
+    own[...] = array
+    return own
+
+
+def _filled(arguments: tuple[Any, ...], later: tuple[Any, ...]) -> tuple[Any, ...]:
+    """The arguments with the first ones among them that are `LATER` filled in."""
+    values = iter(later)
+    return tuple(next(values, LATER) if argument is LATER else argument for argument in arguments)
 
 
 def _bind(parts: tuple[Part, ...]) -> Bound:

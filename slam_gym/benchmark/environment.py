@@ -12,6 +12,7 @@ import numpy as np
 
 from slam_gym.benchmark.numpy_env import NumpyEnv
 from slam_gym.benchmark.timing import Work, least_seconds
+from slam_gym.threads import WORTH_IT
 
 ACTION = np.array([0.4, 0.3], dtype=np.float32)
 SETTLED = 100  # steps until the map is whole
@@ -32,7 +33,10 @@ def environment_rows(
     with ExitStack() as stack:
         single = stack.enter_context(closing(gym.make("slam_gym:SlamTarget-v0", **ARGUMENTS)))
         cart = stack.enter_context(closing(gym.make("CartPole-v1")))
-        vectors = {n: stack.enter_context(closing(native(n))) for n in lanes}
+        vectors = {f"gym.make_vec, {n} lanes": stack.enter_context(closing(native(n))) for n in lanes}
+        most = max(lanes)
+        if foreign and most >= 2 * WORTH_IT:
+            vectors[f"gym.make_vec, {most} lanes, 2 threads"] = stack.enter_context(closing(native(most, threads=2)))
         others = {name: stack.enter_context(closing(env)) for name, env in _foreign()} if foreign else {}
         numpy_env: list[NumpyEnv] = []
 
@@ -53,11 +57,11 @@ def environment_rows(
         works: dict[str, Work] = {
             "clean NumPy": lambda: numpy_env[0].step(ACTION),
             "gym.make": lambda: single.step(ACTION),
-            **{f"gym.make_vec, {n} lanes": vector_work(env) for n, env in vectors.items()},
+            **{name: vector_work(env) for name, env in vectors.items()},
             **{name: vector_work(env) for name, env in others.items()},
             "CartPole-v1 (a calibration)": _cart_work(cart),
         }
-        size = {f"gym.make_vec, {n} lanes": n for n in vectors} | dict.fromkeys(others, GYMNASIUM_LANES)
+        size = {name: env.num_envs for name, env in vectors.items()} | dict.fromkeys(others, GYMNASIUM_LANES)
         seconds = least_seconds(works, rounds=rounds, renew=renew)
     return [_row(name, second / size.get(name, 1), seconds["clean NumPy"]) for name, second in seconds.items()]
 
@@ -71,9 +75,9 @@ def _row(name: str, seconds: float, numpy_seconds: float) -> dict[str, Any]:
     }
 
 
-def native(lanes: int) -> Any:
+def native(lanes: int, threads: int = 1) -> Any:
     """Our vector environment with that many lanes."""
-    return gym.make_vec("slam_gym:SlamTarget-v0", num_envs=lanes, **ARGUMENTS)
+    return gym.make_vec("slam_gym:SlamTarget-v0", num_envs=lanes, threads=threads, **ARGUMENTS)
 
 
 def _foreign() -> Iterator[tuple[str, Any]]:

@@ -1,13 +1,13 @@
 """What the single and the vector environment share: L lanes of simulation, observation and scoring."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from estimators.kernels.bound import chain
+from estimators.kernels.bound import Bound, chain
 from estimators.registry import unknown_name
 from slam_gym import reward
 from slam_gym.actions import ActionMap
@@ -16,6 +16,7 @@ from slam_gym.observation import Observer
 from slam_gym.observation_cloud import CloudObserver
 from slam_gym.scenario import Scenario
 from slam_gym.simulation import Simulation
+from slam_gym.threads import Shared
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -122,14 +123,23 @@ class Lanes:
         world, bound = simulation.world, simulation.bound_calls()
         self._belief = simulation.estimators[0].belief
         self._command_of = self.action_map.bound(self.action, self._command)
-        self._move, self._take = None, None
-        if bound is not None and simulation.is_plain and world.threads == 1 and not simulation.clouds:
-            ahead = chain(self._command_of, world.bound_step(self._command), bound.predict)
+        self._move: Callable[[Ints], bool] | None = None
+        self._take: Callable[[Ints], bool] | None = None
+        self._is_shared = world.threads > 1
+        if bound is not None and simulation.is_plain and not simulation.clouds:
+            ahead = chain(world.bound_step(self._command), bound.predict)
+            if not self._is_shared:  # several threads wait until all actions are known to be finite
+                ahead = chain(self._command_of, ahead)
             always = self.scenario.sensor_period == 1
-            self._move, self._take = (chain(ahead, bound.update), None) if always else (ahead, bound.update)
+            self._move = self._share(chain(ahead, bound.update) if always else ahead, bound.scratch)
+            self._take = None if always else self._share(bound.update, bound.scratch)
         watch = chain(self.observer.bound(self._belief, world), self.scorer.bound)
         self._fills = bound is not None
         self._watch = watch if bound is None else chain(bound.fill, watch)
+
+    def _share(self, call: Bound, scratch: tuple[Any, ...]) -> Callable[[Ints], bool]:
+        world = self.simulation.world
+        return Shared(call, scratch, self.num_lanes, world.crew) if self._is_shared else call
 
     def _advance(self, lanes: Ints) -> bool:
         """One simulation step of the lanes; False, and nothing has moved, where an action is no finite number."""
@@ -138,7 +148,7 @@ class Lanes:
             if finite:
                 self.simulation.advance(self._command, None if len(lanes) == self.num_lanes else lanes)
             return finite
-        finite = self._move(lanes)
+        finite = (not self._is_shared or self._command_of()) and self._move(lanes)
         if finite and self._take is not None:
             due = self.simulation.due(lanes)
             if due is not None:

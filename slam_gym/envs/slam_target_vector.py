@@ -67,7 +67,8 @@ class SlamTargetVectorEnv(VectorEnv[Any, Any, Any]):
             `SlamTargetEnv`.
         render_mode: None or "rgb_array": `render` gives one picture per lane.
         autoreset_mode: see above.
-        threads: for the world's part of a step.
+        threads: how many share the lanes of a step, from some thirty on; any number gives the same bits. Particle
+            filters and target clouds share the world's part alone.
     """
 
     metadata: dict[str, Any] = {  # noqa: RUF012  (Gymnasium's)

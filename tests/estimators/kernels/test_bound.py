@@ -95,3 +95,23 @@ class TestChain:
         assert other["call"](np.arange(2)) is True
         np.testing.assert_array_equal(other["out"], [6.0, 6.0])
         np.testing.assert_array_equal(out, [0.0, 0.0])
+
+
+def test_apart_has_scratch_of_its_own_and_shares_the_rest(arguments):
+    out, models, table, *rest = arguments
+    bound = bind(mix, out, models, table, *rest, LATER)
+    other = bound.apart((table,))
+    table[:] = 0.0
+    own = np.zeros(2)
+    mix(own, models, np.arange(24.0).reshape(2, 3, 4), *rest, np.arange(2))
+    other(np.arange(2))
+    np.testing.assert_array_equal(out, own)
+    assert other.func is bound.func
+
+
+def test_given_binds_what_was_to_be_given_later(arguments):
+    out, *rest = arguments
+    bind(mix, out, *rest, LATER).given(np.arange(2))()
+    plain = np.zeros(2)
+    mix(plain, *rest, np.arange(2))
+    np.testing.assert_array_equal(out, plain)
