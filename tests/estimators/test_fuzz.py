@@ -2,18 +2,19 @@
 
 Every lane draws its own models, start and map, so that one run meets tiny and huge noise, known and rank-one starts,
 headings beside the wrap, empty and crowded sweeps, targets that come near and go out of sight.
-`SLAM_GYM_FUZZ=200` makes two hundred times as many steps as by default: ten million lane-steps of each Gaussian filter.
+`SLAM_GYM_FUZZ=200` makes two hundred times as many steps as by default: ten million lane-steps of each Gaussian filter,
+a hundred thousand of each other one, in some minutes each.
 """
 
 import os
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 import pytest
 
 from estimators import registry
 from estimators.gaussian.layout import GaussianEstimator
-from estimators.interface import TARGET, Scan, TruthAware
+from estimators.interface import TARGET, UNKNOWN, Scan, TruthAware
 from estimators.models import MotionModel, SensorModel, TargetModel
 
 pytestmark = pytest.mark.slow
@@ -21,8 +22,16 @@ pytestmark = pytest.mark.slow
 EFFORT = float(os.environ.get("SLAM_GYM_FUZZ", "1"))
 EPISODE = 100  # steps, after which a third of the lanes begin new worlds
 GAUSSIAN, OTHERS = 50_000, 1_000  # lane-steps
+OPTIONAL = 0.1  # share of them that each set of options gets beside
 LANDMARKS, WIDTH = 12, 16
 DT = 0.1
+OPTIONS = {
+    "imm": {"target_kind": "imm"},
+    "nearest": {"association": "nearest"},
+    "jcbb": {"association": "jcbb"},
+    "budget": {"budget": 6},
+    "gate": {"gate": 9.21},
+}
 
 
 def wrap(angle):
@@ -31,21 +40,22 @@ def wrap(angle):
 
 @dataclass
 class Fuzz:
-    """L random lanes and the estimator that watches them."""
+    """L random lanes and the estimator that watches them; false returns and no labels where it is to associate."""
 
     name: str
     num_lanes: int
     seed: int
     target_kind: str = "constant-velocity"
-    options: dict | None = None
+    options: dict = field(default_factory=dict)
 
     def __post_init__(self):
-        self.rng = np.random.default_rng(self.seed)
-        self.estimator = registry.make(
-            self.name, *self._models(), num_lanes=self.num_lanes, max_landmarks=LANDMARKS, **(self.options or {})
-        )
-        self.scan = Scan.empty(self.num_lanes, WIDTH)
-        self.begin(np.arange(self.num_lanes))
+        self.rng, L = np.random.default_rng(self.seed), self.num_lanes
+        self.estimator = registry.make(self.name, *self._models(), num_lanes=L, max_landmarks=LANDMARKS, **self.options)
+        self.labelled = "association" not in self.options
+        self.scan = Scan.empty(L, WIDTH)
+        self.pose, self.target, self.landmarks = np.zeros((L, 3)), np.zeros((L, 4)), np.zeros((L, LANDMARKS, 2))
+        self.control_std, self.return_std, self.reach = np.zeros((L, 2)), np.zeros((L, 2)), np.zeros((L, 2))
+        self.begin(np.arange(L))
 
     def _models(self):
         """Noise from a hundredth of a millimetre to metres, each lane's own decade."""
@@ -66,19 +76,19 @@ class Fuzz:
     def begin(self, lanes):
         """New worlds in these lanes."""
         rng, n = self.rng, len(lanes)
-        if not hasattr(self, "pose"):
-            L = self.num_lanes
-            self.pose, self.target, self.landmarks = np.zeros((L, 3)), np.zeros((L, 4)), np.zeros((L, LANDMARKS, 2))
-            self.models = [None] * L
         self.pose[lanes] = np.column_stack([rng.uniform(-5, 5, (n, 2)), np.pi - rng.exponential(0.1, n)])
         self.landmarks[lanes] = rng.uniform(-10, 10, (n, LANDMARKS, 2))
         self.target[lanes] = np.column_stack([rng.uniform(-5, 5, (n, 2)), rng.normal(0, 1, (n, 2))])
-        cov = np.zeros((n, 3, 3))
-        for i, lane in enumerate(lanes):
-            self.models[lane] = self._models()
-            self.estimator.set_models(int(lane), *self.models[lane])
-            kind, std = rng.integers(3), 10.0 ** rng.uniform(-5.0, 0.0) * np.array([1.0, 1.0, 0.3])
-            cov[i] = (0.0, np.outer(std, std), np.diag(std**2))[kind]
+        for lane in map(int, lanes):
+            motion, sensor, target = self._models()
+            self.control_std[lane] = motion.speed_std, motion.turn_std
+            self.return_std[lane] = sensor.range_std, sensor.bearing_std
+            self.reach[lane] = sensor.max_range, 0.5 * sensor.field_of_view
+            self.estimator.set_models(lane, motion, sensor, target)
+        std = 10.0 ** rng.uniform(-5.0, 0.0, (n, 1)) * np.array([1.0, 1.0, 0.3])
+        rank_one = std[:, :, None] * std[:, None, :]
+        kinds = np.stack([np.zeros((n, 3, 3)), rank_one, rank_one * np.eye(3)])
+        cov = kinds[rng.integers(3, size=n), np.arange(n)]
         start = self.pose[lanes] + np.einsum("nij,nj->ni", _root(cov), rng.standard_normal((n, 3)))
         self.estimator.reset(start, cov, seeds=rng.integers(1 << 30, size=n), lanes=lanes)
 
@@ -86,8 +96,7 @@ class Fuzz:
         """One motion and one sweep of every lane."""
         rng, L = self.rng, self.num_lanes
         control = np.column_stack([rng.uniform(-0.5, 2.0, L), rng.uniform(-2.0, 2.0, L)])
-        noise = np.array([[m.speed_std, m.turn_std] for m, _, _ in self.models])
-        v, w = (control + noise * rng.standard_normal((L, 2))).T
+        v, w = (control + self.control_std * rng.standard_normal((L, 2))).T
         self.pose[:, 2] = wrap(self.pose[:, 2] + w * DT)
         self.pose[:, 0] += v * DT * np.cos(self.pose[:, 2])
         self.pose[:, 1] += v * DT * np.sin(self.pose[:, 2])
@@ -101,19 +110,31 @@ class Fuzz:
         points = np.concatenate([self.landmarks, self.target[:, None, :2]], axis=1)
         offset = points - self.pose[:, None, :2]
         r, b = np.hypot(*np.moveaxis(offset, 2, 0)), np.arctan2(offset[..., 1], offset[..., 0]) - self.pose[:, 2:]
-        std = np.array([[s.range_std, s.bearing_std] for _, s, _ in self.models])
-        reach = np.array([[s.max_range, 0.5 * s.field_of_view] for _, s, _ in self.models])
-        visible = (r < reach[:, :1]) & (np.abs(wrap(b)) < reach[:, 1:]) & (rng.random(r.shape) < 0.9)
+        visible = (r < self.reach[:, :1]) & (np.abs(wrap(b)) < self.reach[:, 1:]) & (rng.random(r.shape) < 0.9)
         visible &= rng.random((L, 1)) < 0.8  # whole sweeps without a return
-        r = np.abs(r + std[:, :1] * rng.standard_normal(r.shape)) + 1e-9
-        b = wrap(b + std[:, 1:] * rng.standard_normal(b.shape))
-        labels = np.append(np.arange(LANDMARKS), TARGET)
+        noise = rng.standard_normal((2, *r.shape))
+        r = np.abs(r + self.return_std[:, :1] * noise[0]) + 1e-9
+        b = wrap(b + self.return_std[:, 1:] * noise[1])
         order = np.argsort(~visible, axis=1, kind="stable")
         width = LANDMARKS + 1
         self.scan.ranges[:, :width] = np.take_along_axis(r, order, 1)
         self.scan.bearings[:, :width] = np.take_along_axis(b, order, 1)
-        self.scan.labels[:, :width] = labels[order]
+        self.scan.labels[:, :width] = np.append(np.arange(LANDMARKS), TARGET)[order]
         self.scan.count[:] = visible.sum(axis=1)
+        if not self.labelled:
+            self._hide_labels()
+
+    def _hide_labels(self):
+        """The target's label half of the time, the landmarks' always; and up to three false returns."""
+        rng, L, rows = self.rng, self.num_lanes, np.arange(self.num_lanes)
+        known = (self.scan.labels == TARGET) & (rng.random((L, 1)) < 0.5)
+        self.scan.labels[:] = np.where(known, TARGET, UNKNOWN)
+        for added in rng.random((3, L)) < 0.1:
+            at = self.scan.count
+            self.scan.ranges[rows, at] = rng.uniform(1e-9, 1.0, L) * self.reach[:, 0]
+            self.scan.bearings[rows, at] = rng.uniform(-1.0, 1.0, L) * self.reach[:, 1]
+            self.scan.labels[rows, at] = UNKNOWN
+            at += added
 
     def faults(self):
         """What is wrong with the belief, as words; none where all is well."""
@@ -149,15 +170,37 @@ def kinds():
         yield name
 
 
+def is_gaussian(name):
+    return issubclass(registry.get(name), GaussianEstimator)
+
+
+def fuzz(name, share, **choices):
+    """That share of the estimator's lane-steps, in more lanes the more there are."""
+    steps = EFFORT * share * (GAUSSIAN if is_gaussian(name) else OTHERS)
+    lanes = int(np.clip(steps / 200, 16, 1024)) if is_gaussian(name) else 4
+    one = Fuzz(name, lanes, seed=7, **choices)
+    for step in range(int(steps) // lanes):
+        if step % EPISODE == EPISODE - 1:
+            one.begin(np.flatnonzero(one.rng.random(lanes) < 0.34))
+        one.step()
+        if step % 10 == 0:
+            assert one.faults() == [], f"after {step} steps"
+
+
 @pytest.mark.parametrize("target_kind", ["constant-velocity", "twist"])
 @pytest.mark.parametrize("name", list(kinds()))
 def test_random_worlds(name, target_kind):
-    gaussian = issubclass(registry.get(name), GaussianEstimator)
-    lanes, steps = (256, GAUSSIAN) if gaussian else (4, OTHERS)
-    fuzz = Fuzz(name, lanes, seed=7, target_kind=target_kind)
-    for step in range(int(EFFORT * steps / 2) // lanes):
-        if step % EPISODE == EPISODE - 1:
-            fuzz.begin(np.flatnonzero(fuzz.rng.random(lanes) < 0.34))
-        fuzz.step()
-        if step % 10 == 0:
-            assert fuzz.faults() == [], f"after {step} steps"
+    fuzz(name, 0.5, target_kind=target_kind)
+
+
+@pytest.mark.parametrize("chosen", list(OPTIONS))
+@pytest.mark.parametrize("name", [name for name in kinds() if is_gaussian(name)])
+def test_random_worlds_under_options(name, chosen):
+    options = dict(OPTIONS[chosen])
+    choices = {"target_kind": options.pop("target_kind")} if "target_kind" in options else {}
+    try:
+        registry.make(name, MotionModel(), SensorModel(), TargetModel(kind=choices.get("target_kind", "twist")),
+                      max_landmarks=LANDMARKS, **options)  # fmt: skip
+    except (TypeError, ValueError) as refusal:
+        pytest.skip(f"{name} refuses it: {refusal}")
+    fuzz(name, OPTIONAL, options=options, **choices)
