@@ -1,8 +1,9 @@
 """What a cloud of particles amounts to: means and covariances of the mixture, in the world's and the robot's frame.
 
-Headings: the weighted mean direction with one wrapped correction; covariances from wrapped deviations. A component's
-own covariance is part of the mixture's: sum w (P_i + d_i d_i'). A particle of weight zero is passed over, so that what
-it holds cannot spoil the rest. All rows are [N]; sums over them vectorise.
+Headings: the weighted mean direction with one wrapped correction; covariances from wrapped deviations, all taken from
+the corrected mean: sums of squares, which no rounding makes negative, however small a weight. A component's own
+covariance is part of the mixture's: sum w (P_i + d_i d_i'). A particle of weight zero is passed over, so that what it
+holds cannot spoil the rest. All rows are [N]; sums over them vectorise.
 """
 
 import math
@@ -38,10 +39,19 @@ def deviate(row, centre, out):
 
 
 @subroutine
-def deviate_angle(row, centre, out):
-    """Wrapped deviations from a direction."""
+def deviate_angle(row, centre, turn, out):
+    """Wrapped deviations from a direction, less their mean."""
     for p in range(row.size):
-        out[p] = wrap_smooth(row[p] - centre)
+        out[p] = wrap_smooth(row[p] - centre) - turn
+
+
+@subroutine
+def mean_turn(share, row, centre):
+    """Mean of the wrapped deviations from a direction."""
+    total = 0.0
+    for p in range(share.size):
+        total += share[p] * (wrap_smooth(row[p] - centre) if share[p] > 0.0 else 0.0)
+    return total
 
 
 @subroutine
@@ -56,12 +66,12 @@ def pose_moments(pose, pose_cov, w, cosine, sine, mean, cov):
         mx += w[p] * (x[p] if live else 0.0)
         my += w[p] * (y[p] if live else 0.0)
     centre = math.atan2(s, c)
-    turn, s00, s01, s02, s11, s12, s22 = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+    turn = mean_turn(w, heading, centre)
+    s00, s01, s02, s11, s12, s22 = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
     for p in range(w.size):
         live = w[p] > 0.0
         dx, dy = (x[p] - mx if live else 0.0), (y[p] - my if live else 0.0)
-        dh = wrap_smooth(heading[p] - centre) if live else 0.0
-        turn += w[p] * dh
+        dh = wrap_smooth(heading[p] - centre) - turn if live else 0.0
         s00 += w[p] * dx * dx
         s01 += w[p] * dx * dy
         s02 += w[p] * dx * dh
@@ -69,14 +79,7 @@ def pose_moments(pose, pose_cov, w, cosine, sine, mean, cov):
         s12 += w[p] * dy * dh
         s22 += w[p] * dh * dh
     mean[0], mean[1], mean[2] = mx, my, wrap(centre + turn)
-    cov[0, 0], cov[0, 1], cov[0, 2], cov[1, 1], cov[1, 2], cov[2, 2] = (
-        s00,
-        s01,
-        s02,
-        s11,
-        s12,
-        max(s22 - turn * turn, 0.0),
-    )
+    cov[0, 0], cov[0, 1], cov[0, 2], cov[1, 1], cov[1, 2], cov[2, 2] = s00, s01, s02, s11, s12, s22
     row = 0
     for i in range(3):
         for j in range(i, 3):
@@ -103,12 +106,13 @@ def target_moments(target, hypotheses, share, twist, work, mean, cov):
             mean[i] += average(share[g], target[g, i])
     if twist:
         mean[2] = _mean_direction(target, hypotheses, share)
-    correction = 0.0
+    turn = 0.0
+    for g in range(hypotheses if twist else 0):
+        turn += mean_turn(share[g], target[g, 2], mean[2])
     for g in range(hypotheses):
         for i in range(n_t):
             if twist and i == 2:
-                deviate_angle(target[g, i], mean[i], work[i])
-                correction += average(share[g], work[i])
+                deviate_angle(target[g, i], mean[i], turn, work[i])
             else:
                 deviate(target[g, i], mean[i], work[i])
         row = n_t
@@ -118,8 +122,7 @@ def target_moments(target, hypotheses, share, twist, work, mean, cov):
                 cov[i, j] = part if g == 0 else cov[i, j] + part
                 row += 1
     if twist:
-        cov[2, 2] -= correction * correction
-        mean[2] = wrap(mean[2] + correction)
+        mean[2] = wrap(mean[2] + turn)
     for i in range(n_t):
         for j in range(i):
             cov[i, j] = cov[j, i]
