@@ -21,7 +21,7 @@ from typing import Any
 import pandas as pd
 
 from slam_gym import tables
-from slam_gym.evaluation_backend import Backend, Workers, workers
+from slam_gym.evaluation_backend import Backend, Task, Workers, workers
 from slam_gym.evaluation_folder import (
     SETTINGS,
     check_runs,
@@ -35,11 +35,14 @@ from slam_gym.evaluation_folder import (
 )  # fmt: skip
 from slam_gym.evaluation_plan import Combination, Mode, Plan, make_plan, plan_from_dict
 from slam_gym.evaluation_unit import Unit, run_unit, warm_up
+from slam_gym.exercise import exercise
 from slam_gym.results import Results, write_json
 from slam_gym.scenario import Scenario
+from slam_gym.specs import Spec
 
 Progress = Callable[[str, int, int], None]  # (what is being done, runs done, runs in all)
 
+LEAST = "dead-reckoning"  # the estimator with least to compile
 MAX_LANES = 32  # of a unit: beyond it nothing is gained, and a kill loses more
 UNITS_PER_JOB = 4  # at most: so that workers end at about the same time
 ENOUGH_LANES = 24  # of a unit: from here on a step's work in Python is small beside the filters'
@@ -189,14 +192,20 @@ def _chunk(combination: Combination, runs: int, jobs: int, combinations: int) ->
 
 
 def _warm_up(plan: Plan, crew: Workers) -> None:
-    """Fill the cache of compiled kernels once, each estimator in one process, before all workers need it."""
+    """Fill the cache of compiled kernels once, each in one process, before all workers need it.
+
+    One compiles the world, with the estimator that has least to compile; the others meanwhile only estimators.
+    """
     if crew.is_here:
         return  # run_unit warms up its own process
-    seen: dict[str, Any] = {}
+    seen: dict[str, tuple[Combination, Spec]] = {}
     for combination in plan.combinations:
         for spec in combination.estimators:
-            seen.setdefault(spec.name, (combination, [spec]))
-    for _ in crew.results([(warm_up, arguments) for arguments in seen.values()]):
+            seen.setdefault(spec.name, (combination, spec))
+    world: Task = (warm_up, (plan.combinations[0], (Spec.parse(LEAST),)))
+    alone: list[Task] = [(exercise, (combination.scenario, spec)) for combination, spec in seen.values()]
+    together: list[Task] = [(warm_up, (combination, (spec,))) for combination, spec in seen.values()]
+    for _ in crew.results([world, *alone, *together]):
         pass
 
 

@@ -18,6 +18,15 @@ Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
 
+def make_estimator(scenario: Scenario, name: str, options: Mapping[str, Any], num_lanes: int = 1) -> Estimator:
+    """An estimator with the scenario's models, room for its landmarks, and its labels or the lack of them."""
+    motion, sensor, target = scenario.models()
+    chosen = {"max_landmarks": scenario.max_landmarks, **options}
+    if not scenario.landmarks.labelled:
+        chosen.setdefault("association", "nearest")
+    return registry.make(name, motion, sensor, target, num_lanes=num_lanes, **chosen)
+
+
 class Simulation:
     """L lanes of a scenario, and any number of estimators that process identical data.
 
@@ -69,11 +78,7 @@ class Simulation:
                 f"estimator {name!r} is a reference that is handed the truth; it is for comparisons only "
                 "(allow_truth=True accepts it all the same)"
             )
-        motion, sensor, target = self.scenario.models()
-        chosen = {"max_landmarks": self.scenario.max_landmarks, **options}
-        if not self.scenario.landmarks.labelled:
-            chosen.setdefault("association", "nearest")
-        return registry.make(name, motion, sensor, target, num_lanes=self.num_lanes, **chosen)
+        return make_estimator(self.scenario, name, options, self.num_lanes)
 
     def attach_cloud(self, num_points: int, index: int = 0, **options: Any) -> None:
         """Let points accompany one estimator from the next `reset` on, as `belief.target_cloud`; see `TargetCloud`.

@@ -21,8 +21,9 @@ class Pretrained(Learned):
     """Drives as a policy that comes with slam-gym, trained with PPO for the scenario at hand, else for `default`.
 
     There are two, of `default` and `evasive-hard`; agents/pretrained/README.md has the commands, and what came of them
-    there and in the other scenarios. Each is two layers of 128 tanh units on the flat observation (`slam-gym list SlamTarget-v0`)
-    with the cloud of a lost target (`slam_gym.observation_cloud`), on the belief of ri-ekf; an action lasts 0.4 s.
+    there and in the other scenarios. Each is two layers of 128 tanh units on the flat observation
+    (`slam-gym list SlamTarget-v0`) with the cloud of a lost target (`slam_gym.observation_cloud`), on the belief of
+    ri-ekf; an action lasts 0.4 s.
     `slam-gym train` first had it imitate `pursuit-search`, then try for itself in 256 worlds at once, paid by the
     default reward.
 
