@@ -59,7 +59,7 @@ class Subroutine(CPUDispatcher):  # type: ignore[misc, unused-ignore]
         pipeline_class: type = _Compiler,
     ) -> None:
         options = {**_NJIT, "no_cpython_wrapper": True, **(targetoptions or {})}
-        super().__init__(py_func, locals, options, pipeline_class)
+        super().__init__(py_func, locals or {}, options, pipeline_class)
 
     def get_call_template(self, args: Any, kws: Any) -> Any:
         """Numba's; a constant argument is a number like any other, not a reason to compile the function once more."""
@@ -75,7 +75,7 @@ class Subroutine(CPUDispatcher):  # type: ignore[misc, unused-ignore]
         copy = FunctionType(own.__code__, own.__globals__, own.__name__, own.__defaults__, own.__closure__)
         copy.__qualname__ = f"{own.__qualname__}_from_python"  # the name of its file on disk
         copy.__dict__.update(own.__dict__)
-        return on_disk(CPUDispatcher(copy, None, {**self.targetoptions, "no_cpython_wrapper": False}))
+        return on_disk(CPUDispatcher(copy, {}, {**self.targetoptions, "no_cpython_wrapper": False}))
 
 
 def on_disk(function: Any) -> Any:
