@@ -5,7 +5,8 @@ from dataclasses import dataclass
 from importlib import import_module
 from typing import Any
 
-from slam_gym.benchmark import scaling
+from slam_gym.benchmark import maps, scaling
+from slam_gym.benchmark.drives import DRIVES, drive_rows
 from slam_gym.benchmark.environment import environment_rows
 from slam_gym.benchmark.filters import blas_rows, compressed_rows, filter_rows
 from slam_gym.benchmark.floors import peak_gflops
@@ -28,6 +29,9 @@ class Size:
     gaussian: tuple[str, ...] = ("ekf", "fej-ekf", "ri-ekf", "cdkf", "ri-cdkf", "taylor-ekf")
     scaled: tuple[str, ...] = ("ekf", "ri-ekf", "cdkf")
     particle: tuple[str, ...] = ("slamto", "fastslam2")
+    drives: tuple[str, ...] = tuple(DRIVES)
+    drive_steps: int | None = None  # of each; None: all
+    stored_landmarks: tuple[int, ...] = (100, 800, 6400)  # in the maps of particles
     others: bool = True  # Gymnasium's own vector environments, other packages' filters
     training: bool = True  # where Stable-Baselines3 is installed
 
@@ -35,15 +39,17 @@ class Size:
 QUICK = Size(
     rounds=5, lanes=(1, 64, 256), compared_lanes=(1, 256), landmarks=(10, 100), particles=(10, 100),
     blas_landmarks=(20, 100), compressed_landmarks=(100,), gaussian=("ekf", "ri-ekf"), scaled=("ekf",),
-    particle=("fastslam2",), training=False,
+    particle=("fastslam2",), drives=("geng-hu",), stored_landmarks=(100, 800), training=False,
 )  # fmt: skip
 
 
 def measure(size: Size, progress: Progress) -> dict[str, Any]:
     """Every table, each measured in one stretch; the keys are what `slam_gym.benchmark.page` reads."""
     steps = (
-        5
+        6
         + size.training
+        + len(size.drives)
+        + len(size.stored_landmarks)
         + len(size.scaled) * len(size.landmarks)
         + len(size.particle) * len(size.particles)
         + len(size.lanes)
@@ -69,6 +75,11 @@ def measure(size: Size, progress: Progress) -> dict[str, Any]:
     found["blas"] = take("filter and BLAS", blas_rows, size.blas_landmarks, size.rounds)
     found["compressed"] = take("compressed filter and BLAS", compressed_rows, size.compressed_landmarks, size.rounds)
     few = max(3, size.rounds // 3)
+    found["drives"] = [
+        row for name in size.drives for row in take(name, drive_rows, name, DRIVES[name], few, size.drive_steps)
+    ]
+    found["returns"] = take("returns in particles", maps.return_rows, size.particle, size.rounds)
+    found["maps"] = [take("maps of particles", maps.map_row, "lazy", count) for count in size.stored_landmarks]
     if size.training:
         found["training"] = take("training", training_rows)
     note("growth with the map")

@@ -3,6 +3,8 @@
 from collections.abc import Sequence
 from typing import Any
 
+from slam_gym.benchmark.drives import YARDSTICK
+from slam_gym.benchmark.maps import PARTICLES
 from slam_gym.benchmark.measure import growth
 
 HEAD = """\
@@ -68,7 +70,31 @@ def _blas(found: dict[str, Any]) -> str:
         + _ratios("ekf", found["blas"])
         + "\n`compressed-ekf` on a whole circle of driving, with all that it puts off until it has to be done.\n\n"
         + _ratios("compressed-ekf", found["compressed"])
+        + _yardstick(found)
     )
+
+
+def _yardstick(found: dict[str, Any]) -> str:
+    rows, rank = YARDSTICK
+    head = (
+        f"\nIn units of `dsyrk` of {rows} rows and rank {rank}, measured beside: a control step of the papers' own "
+        "drives, their sweeps included; an update by one more return in every particle; an update by ten returns with "
+        "a resampling.\n\n"
+    )
+    lines = [
+        [f"{row['scenario']}, `{row['name']}`: a control step", _digits(row["microseconds"]),
+         _digits(row["times_dsyrk"]), ""]
+        for row in found["drives"]
+    ] + [
+        [f"`{row['name']}`, {PARTICLES} particles: a return", _digits(1e-3 * row["nanoseconds"] * PARTICLES),
+         _digits(row["times_dsyrk"]), ""]
+        for row in found["returns"]
+    ] + [
+        [f"`slamto`, {PARTICLES} particles, {row['landmarks']:,} landmarks: update, resampling",
+         _digits(row["microseconds"]), _digits(row["times_dsyrk"]), f"{row['megabytes']:.2f}"]
+        for row in found["maps"]
+    ]  # fmt: skip
+    return head + _table(["", "us", "times `dsyrk`", "MB of maps"], lines)
 
 
 def _training(found: dict[str, Any]) -> str:

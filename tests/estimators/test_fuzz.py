@@ -17,9 +17,8 @@ from estimators.gaussian.layout import GaussianEstimator
 from estimators.interface import TARGET, UNKNOWN, Scan, TruthAware
 from estimators.models import MotionModel, SensorModel, TargetModel
 
-pytestmark = pytest.mark.slow
-
 EFFORT = float(os.environ.get("SLAM_GYM_FUZZ", "1"))
+pytestmark = [pytest.mark.slow, *([pytest.mark.timeout(0)] if EFFORT > 1.0 else [])]  # more lasts as long as it takes
 EPISODE = 100  # steps, after which a third of the lanes begin new worlds
 GAUSSIAN, OTHERS = 50_000, 1_000  # lane-steps
 OPTIONAL = 0.1  # share of them that each set of options gets beside

@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from slam_gym.benchmark import foreign, measure, page, scaling, stream, textbook, timing
+from slam_gym.benchmark import drives, foreign, measure, page, scaling, stream, textbook, timing
 from slam_gym.cli import main
 
 SECTIONS = ["## A step of the environment", "## A step of a filter", "## Against BLAS", "## Growth"]
@@ -56,6 +56,28 @@ def test_interleaved_times_rank_works_by_their_cost():
     assert 0.0 < found["little"] < found["much"]
 
 
+@pytest.mark.parametrize("spec", ["ri-ekf", "cdkf:budget=10", "fastslam2:particles=20"])
+def test_a_replayed_drive_is_the_drive(spec):
+    """By bound kernels or by methods, part by part, again and again: what `Episode` gives the same estimator."""
+    steps = drives.PART + 20
+    drive = drives.record_drive("tian-sparse", seed=3, longest=steps)
+    replay = drives.Replay(spec, drive)
+    plain = drives.Replay(spec, drive).estimator
+    for _ in range(2):
+        replay.begin()
+        for part in replay.parts:
+            part()
+    plain.reset(drive.start, drive.start_cov, seeds=0)
+    for control, sweep in zip(drive.controls, drive.sweeps, strict=True):
+        plain.predict(control, drive.scenario.dt)
+        if sweep is not None:
+            plain.update(sweep)
+    assert sum(sweep is not None for sweep in drive.sweeps) == steps // 8
+    replay.estimator.belief.mark_stale()
+    np.testing.assert_array_equal(replay.estimator.belief.pose, plain.belief.pose)
+    np.testing.assert_array_equal(replay.estimator.belief.landmark_cov, plain.belief.landmark_cov)
+
+
 def test_exponent_of_a_power_law():
     sizes = [1, 10, 100, 1000]
     assert scaling.exponent(sizes, [3.0 * n**1.5 for n in sizes]) == pytest.approx(1.5)
@@ -67,7 +89,7 @@ def found():
     tiny = measure.Size(
         rounds=1, lanes=(1, 2), compared_lanes=(1,), landmarks=(10, 20), particles=(10, 20), blas_landmarks=(10,),
         compressed_landmarks=(10,), gaussian=("ekf",), scaled=("ekf",), particle=("fastslam2",), others=False,
-        training=False,
+        training=False, drives=("geng-hu",), drive_steps=20, stored_landmarks=(20,),
     )  # fmt: skip
     told = []
     result = measure.measure(tiny, lambda what, done, total: told.append((done, total)))
@@ -78,7 +100,8 @@ def found():
 def test_the_page_has_every_table(found):
     text = page.page(found, "slam-gym benchmark")
     assert [line for line in text.splitlines() if line.startswith("## ")] == SECTIONS
-    for name in ("clean NumPy", "gym.make", "CartPole", "`ekf`, us", "`compressed-ekf`, us", "exponent"):
+    for name in ("clean NumPy", "gym.make", "CartPole", "`ekf`, us", "`compressed-ekf`, us", "exponent",
+                 "geng-hu, `ri-ekf`: a control step", "200 particles, 20 landmarks"):  # fmt: skip
         assert name in text
 
 
