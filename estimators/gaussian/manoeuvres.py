@@ -4,6 +4,11 @@ Blom and Bar-Shalom, "The interacting multiple model algorithm for systems with 
 One member of a bank per mode, each a joint Gaussian of robot, target and landmarks, so mixing and the moments that the
 belief shows keep every cross covariance. All modes are linear in (x, y, velocity): see
 `estimators.kernels.velocity_target`. The chain may switch at every sweep, by the time since the last one.
+
+What to expect: `slam-gym compare --scenarios default evasive --estimators ri-ekf --policies pursuit --runs 200 --seed
+4711 --set filter.target.kind=imm`, against "constant-velocity" in the same worlds, means over runs with 95 % intervals.
+The target's NEES (2 is right) is 1.92 +- 0.12 instead of 2.58 +- 0.20 in `default`, 2.08 +- 0.21 instead of 2.63 +- 0.26
+in `evasive`; its error changes by -0.13 +- 0.19 m and -0.70 +- 0.49 m. It takes some twenty times as long.
 """
 
 import math
