@@ -7,8 +7,8 @@ belief shows keep every cross covariance. All modes are linear in (x, y, velocit
 
 What to expect: `slam-gym compare --scenarios default evasive --estimators ri-ekf --policies pursuit --runs 200 --seed
 4711 --set filter.target.kind=imm`, against "constant-velocity" in the same worlds, means over runs with 95 % intervals.
-The target's NEES (2 is right) is 1.92 +- 0.12 instead of 2.58 +- 0.20 in `default`, 2.08 +- 0.21 instead of 2.63 +- 0.26
-in `evasive`; its error changes by -0.13 +- 0.19 m and -0.70 +- 0.49 m. It takes some twenty times as long.
+The target's NEES (2 is right) is 1.92 +- 0.12 instead of 2.58 +- 0.20 in `default`, and 2.08 +- 0.21 instead of
+2.63 +- 0.26 in `evasive`; its error changes by -0.13 +- 0.19 m and -0.70 +- 0.49 m. It takes some twenty times as long.
 """
 
 import math
