@@ -23,6 +23,7 @@ __all__ = ["Frame", "History", "Layers", "Renderer"]
 MODES = ("rgb_array", "human")
 SMALLEST = (160, 120)  # [px]
 PANEL_FROM, STRIP_FROM = 520, 360  # [px] width and height from which the panel and the strip are shown
+SMALL_LETTER = 13  # [px] in a picture of 800 x 600; letters and lines grow with it
 FOLLOWED = 1.15  # half the width of the followed view, in sensor ranges
 
 
@@ -77,14 +78,14 @@ class Renderer:
     def _lay_out(self, size: tuple[int, int]) -> None:
         """Divide the picture: the panel on the right, the strip at the bottom, the map in the rest."""
         self.size = width, height = size
-        letter = round(13 * min(2.0, max(0.75, min(width / 800, height / 600))))
+        letter = round(SMALL_LETTER * min(2.0, max(0.75, min(width / 800, height / 600))))
         panel = round(min(0.4 * width, 17.0 * letter)) if width >= PANEL_FROM else 0
         strip = round(8.5 * letter) if height >= STRIP_FROM else 0
         self._map = pygame.Rect(0, 0, width - panel, height - strip)
         self._panel = Panel(pygame.Rect(width - panel, 0, panel, height), letter) if panel else None
         self._strip = Strip(pygame.Rect(0, height - strip, width - panel, strip), letter) if strip else None
         self._letter = letter
-        self._canvas = Canvas(size)
+        self._canvas = Canvas(size, max(1.0, letter / SMALL_LETTER))
         self.surface = pygame.Surface(size, 0, 32)  # the latest picture
 
     def draw(self, frame: Frame, history: History | None = None) -> NDArray[np.uint8] | None:

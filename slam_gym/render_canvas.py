@@ -15,11 +15,12 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from slam_gym.render_pygame import pygame
+from slam_gym.render_smooth import halve
 
 Floats = NDArray[np.float64]
 Colour = tuple[int, int, int]
 
-OVERSAMPLING = 2
+OVERSAMPLING = 2  # what `halve` undoes
 ELLIPSE_SCALE = math.sqrt(-2.0 * math.log(1.0 - 0.95))  # standard deviations of the plane's 95 % ellipse
 _CIRCLE = np.linspace(0.0, 2.0 * math.pi, 48, endpoint=False)
 LARGEST_COORDINATE = 1e4  # [px], beyond which pygame's drawing is slow or overflows
@@ -59,11 +60,17 @@ class Camera:
 
 
 class Canvas:
-    """Smooth shapes in pixel coordinates of the final picture, clipped to an area."""
+    """Smooth shapes in pixel coordinates of the final picture, clipped to an area.
 
-    def __init__(self, size: tuple[int, int]) -> None:
+    Args:
+        size: [px] of the picture.
+        line_scale: every line is so many times as wide as asked for.
+    """
+
+    def __init__(self, size: tuple[int, int], line_scale: float = 1.0) -> None:
         self.size = size
         self._large = pygame.Surface((size[0] * OVERSAMPLING, size[1] * OVERSAMPLING), 0, 32)
+        self._thickness = OVERSAMPLING * line_scale
 
     def clip(self, area: pygame.Rect | None) -> None:
         """Draw only inside this area from now on."""
@@ -71,7 +78,8 @@ class Canvas:
 
     def onto(self, surface: pygame.Surface) -> None:
         """Scale down onto a surface of the final size."""
-        pygame.transform.smoothscale(self._large, self.size, surface)
+        large, small = pygame.surfarray.pixels2d(self._large), pygame.surfarray.pixels2d(surface)  # [W, H], locked
+        halve(large.T.view(np.uint64), small.T)
 
     def line(self, points: ArrayLike, colour: Colour, width: float = 1.5, closed: bool = False) -> None:
         """A polyline [n, 2]; a row with NaN interrupts it."""
@@ -115,9 +123,8 @@ class Canvas:
         for arm in (a, b):
             self.line([middle - size * arm, middle + size * arm], colour, width)
 
-    @staticmethod
-    def _width(width: float) -> int:
-        return max(1, round(width * OVERSAMPLING))
+    def _width(self, width: float) -> int:
+        return max(1, round(width * self._thickness))
 
 
 def _finite_parts(points: Floats) -> list[Floats]:

@@ -46,6 +46,7 @@ class Frame:
     field_of_view: float = 2.0 * math.pi  # [rad], the whole opening
     returns: Floats = field(default_factory=_no_points)  # [n, 2] range, bearing of the latest sweep
     sources: Ints = field(default_factory=lambda: np.zeros(0, dtype=np.int64))  # [n] id, TARGET, or -1: false alarm
+    false_alarms: bool = False  # whether the sensor gives any
     time_since_seen: float | None = None  # [s]
     collisions: int = 0
     # belief
@@ -58,6 +59,7 @@ class Frame:
     belief_target_heading: float = math.nan  # [rad]
     belief_target_heading_std: float = math.nan  # [rad]
     particles: Floats | None = None  # [P, 3]
+    keeps_cloud: bool = False  # whether points say where a lost target may be
     cloud: Floats | None = None  # [N, 2] where a lost target may be; None: it is in view, or nobody keeps a cloud
     cloud_weights: Floats | None = None  # [N]
     # numbers of the text panel and the strip; NaN: undefined
@@ -95,6 +97,7 @@ class Frame:
             field_of_view=float(sensor.field_of_view),
             returns=np.column_stack([world.scan.ranges[lane, :number], world.scan.bearings[lane, :number]]),
             sources=world.origin[lane, :number].copy(),
+            false_alarms=sensor.clutter_rate > 0.0,
             time_since_seen=float(world.time_since_seen[lane]) if world.has_target else None,
             collisions=int(world.collisions[lane]),
             **_belief(simulation, lane, index),
@@ -145,10 +148,12 @@ def _belief(simulation: "Simulation", lane: int, index: int) -> dict[str, Any]:
 
 def _cloud(simulation: "Simulation", lane: int, index: int) -> dict[str, Any]:
     """Where a lost target may be, if a cloud accompanies the estimator."""
-    if index not in simulation.clouds or simulation.world.scan_holds_target(lane):
+    if index not in simulation.clouds:
         return {}
+    if simulation.world.scan_holds_target(lane):
+        return {"keeps_cloud": True}
     points, weights = simulation.estimators[index].belief.target_cloud
-    return {"cloud": points[lane].copy(), "cloud_weights": weights[lane].copy()}
+    return {"keeps_cloud": True, "cloud": points[lane].copy(), "cloud_weights": weights[lane].copy()}
 
 
 def _reward(simulation: "Simulation", lane: int, metrics: Any) -> dict[str, float]:

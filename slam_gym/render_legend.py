@@ -32,7 +32,7 @@ Symbol = Callable[[Canvas, float, float, float], None]
 
 
 def legend(frame: Frame, layers: Layers) -> list[tuple[Symbol, str]]:
-    """What the map's symbols mean; only those that are on it."""
+    """What the map's symbols mean; only those that may be on it, so that no row comes and goes."""
     found: list[tuple[Symbol, str]] = []
     if layers.truth:
         found.append((_arrow(INK, filled=True), "robot"))
@@ -49,13 +49,13 @@ def legend(frame: Frame, layers: Layers) -> list[tuple[Symbol, str]]:
         found.append((_ellipse, "95 % ellipse"))
     if layers.belief and layers.particles and frame.particles is not None:
         found.append((_dots, "particles"))
-    if layers.belief and layers.cloud and frame.cloud is not None:
+    if layers.belief and layers.cloud and frame.keeps_cloud:
         found.append((_cloud_dots, "may be here, lost"))
     if layers.view:
         found.append((_patch, "sensor's view"))
     if layers.scan:
         found.append((_ray, "return of this sweep"))
-        if (frame.sources == -1).any():
+        if frame.false_alarms:
             found.append((_cross(CLUTTER, turned=True), "false alarm"))
     return found
 

@@ -46,10 +46,10 @@ class Watch:
         from slam_gym.specs import parse_settings
         from slam_gym.viewer import FPS, Viewer, check_display
 
+        check_display()
         scenario = Scenario.load(self.scenario, **parse_settings(self.set))
         episode = Episode(scenario, self.estimators, policy=self.policy, seed=self.seed, cloud_points=CLOUD_POINTS)
-        check_display()
-        print("Loading (the first time compiles: up to a minute) ...", flush=True)
+        print("Loading (the first time compiles: up to a minute for each estimator) ...", flush=True)
         episode.warm_up()
         renderer = Renderer("human", self.size, title=f"slam-gym: {scenario.name}", fps=FPS)
         viewer = Viewer(episode, renderer, self.folder)

@@ -7,8 +7,10 @@ import pytest
 from estimators.interface import TARGET
 from slam_gym.render import Frame, History, Layers, Renderer
 from slam_gym.render_canvas import Camera, ellipse_points, font, text
+from slam_gym.render_legend import legend
 from slam_gym.render_map import view_outline
 from slam_gym.render_panel import UNDEFINED, number, rows
+from slam_gym.render_smooth import halve
 
 LANDMARKS = np.array([[-6.0, -6.0], [6.0, -5.0], [3.0, 0.5], [-5.0, 5.0]])
 
@@ -253,3 +255,21 @@ def test_long_words_are_cut():
     lit = pygame.surfarray.array3d(surface).any(axis=(1, 2))
     assert 60 < np.flatnonzero(lit).max() <= 90
     assert font(14) is font(14)
+
+
+def test_a_picture_is_halved_by_the_mean_of_four_pixels():
+    large = np.random.default_rng(0).integers(0, 256, (12, 20, 4), dtype=np.uint8)
+    small = np.zeros((6, 10), dtype=np.uint32)
+    halve(large.reshape(12, 80).view(np.uint64), small)
+    found = small.view(np.uint8).reshape(6, 10, 4).astype(float)
+    mean = large.reshape(6, 2, 10, 2, 4).mean(axis=(1, 3))
+    assert np.all((mean - 1.5 < found) & (found <= mean))
+    white = np.full((4, 2), np.iinfo(np.uint64).max, dtype=np.uint64)
+    halve(white, small[:2, :2])
+    assert np.all(small[:2, :2] == np.iinfo(np.uint32).max)
+
+
+def test_the_legend_stays_while_the_target_comes_and_goes():
+    lost = make_frame(keeps_cloud=True)
+    seen = make_frame(keeps_cloud=True, cloud=None, cloud_weights=None)
+    assert [words for _, words in legend(lost, Layers())] == [words for _, words in legend(seen, Layers())]
