@@ -44,7 +44,8 @@ class Pretrained(Learned):
 
     def __init__(self, context: PolicyContext, num_lanes: int = 1, *, zone: str = "") -> None:
         known = zones()
-        chosen = zone or (context.scenario if context.scenario in known else OTHERWISE)
+        scenario = context.scenario.partition(" ")[0]  # without what a sweep has changed in it
+        chosen = zone or (scenario if scenario in known else OTHERWISE)
         if chosen not in known:
             raise ValueError(f"policy 'ppo': {unknown_name('zone', chosen, known)}")
         super().__init__(context, num_lanes, path=str(FOLDER / chosen))

@@ -38,6 +38,8 @@ def test_each_says_how_it_was_trained_and_what_it_reached():
 def test_the_scenario_chooses_and_the_default_stands_in():
     for zone in zones():
         assert make(zone).path == FOLDER / zone
+        swept = Scenario.load(zone).replace("name", f"{zone} target.speed=1.2")
+        assert policies.make("ppo", PolicyContext.from_scenario(swept)).path == FOLDER / zone
     assert make("open").path == FOLDER / "default"
     assert make("open", zone=zones()[-1]).path == FOLDER / zones()[-1]
     with pytest.raises(ValueError, match=r"unknown zone 'defualt'\. Did you mean 'default'\?"):
