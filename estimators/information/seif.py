@@ -265,7 +265,8 @@ class SEIF(GaussianEstimator):
 
     Known weakness: overconfident, the more so the fewer landmarks stay active: conditioning on the passive ones takes
     their uncertainty for zero. On top of that the EKF's own. A prior is widened by 1e-4 (m, rad). An unlabelled false
-    alarm stays in the map.
+    alarm stays in the map. With return noises of 1e-4 (m, rad) and less the information matrix can lose its
+    definiteness where a target enters again, and the estimate becomes NaN.
 
     Reference: Thrun, Liu, Koller, Ng, Ghahramani and Durrant-Whyte, "Simultaneous localization and mapping with sparse
     extended information filters", IJRR 2004; Thrun, Burgard and Fox, "Probabilistic Robotics", 2005, chapter 12;
