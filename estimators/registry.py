@@ -4,7 +4,7 @@ A package adds one through the entry-point group "slam_gym.estimators"; a script
 """
 
 import difflib
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from importlib import import_module
 from importlib.metadata import entry_points
 from typing import Any
@@ -63,6 +63,11 @@ def register(name: str, estimator: type[Estimator] | None = None) -> Any:
         return cls
 
     return add if estimator is None else add(estimator)
+
+
+def registered(names: Iterable[str]) -> dict[str, type[Estimator]]:
+    """Those of the names that `register` has made known in this process: other processes have to be told."""
+    return {name: _registered[name] for name in names if name in _registered}
 
 
 def get(name: str) -> type[Estimator]:

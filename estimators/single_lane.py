@@ -150,9 +150,10 @@ class SingleLaneEstimator(Estimator):
         """See `Estimator.predict`."""
         steps = np.broadcast_to(np.asarray(dt, dtype=np.float64), (self.num_lanes,))
         for lane in self.all_lanes if lanes is None else lanes:
-            self.states[lane] = self.predict_one(
+            state = self.predict_one(
                 self._state(lane), self.lane_models[lane], np.array(control[lane]), float(steps[lane])
             )
+            self.states[lane] = self._returned("predict_one", state)
         self.belief.mark_stale()
 
     def update(self, scan: Scan, *, lanes: Ints | None = None) -> None:
@@ -165,7 +166,8 @@ class SingleLaneEstimator(Estimator):
                 scan.labels[lane, :n].copy(),
                 bool(scan.complete[lane]),
             )
-            self.states[lane] = self.update_one(self._state(lane), self.lane_models[lane], returns)
+            state = self.update_one(self._state(lane), self.lane_models[lane], returns)
+            self.states[lane] = self._returned("update_one", state)
         self.belief.mark_stale()
 
     @property
@@ -195,10 +197,40 @@ class SingleLaneEstimator(Estimator):
             raise RuntimeError(f"lane {lane} has no prior yet: call reset before predict and update")
         return self.states[lane]
 
+    def _returned(self, method: str, state: Any) -> Any:
+        """The state, if there is one."""
+        if state is None:
+            raise TypeError(f"{type(self).__name__}.{method} must return the lane's new state; it returned None")
+        return state
+
     def _describe(self, lane: int) -> LaneBelief:
         if self.states[lane] is None:
             return LaneBelief(np.zeros(3), np.zeros((3, 3)))
-        return self.describe_one(self.states[lane], self.lane_models[lane])
+        one = self.describe_one(self.states[lane], self.lane_models[lane])
+        if not isinstance(one, LaneBelief):
+            raise TypeError(f"{type(self).__name__}.describe_one must return a LaneBelief; got {type(one).__name__}")
+        self._check_shapes(one)
+        return one
+
+    def _check_shapes(self, one: LaneBelief) -> None:
+        """See that every array is as `LaneBelief` says."""
+        n_t, m = len(self.target_names), len(np.asarray(one.landmark_ids))
+        if m > self.max_landmarks:
+            raise ValueError(
+                f"{type(self).__name__}.describe_one: {m} landmarks, but max_landmarks is {self.max_landmarks}: drop "
+                "what does not fit, and count it in counts_one"
+            )
+        shapes = {
+            "pose": (3,), "pose_cov": (3, 3), "target": (n_t,), "target_cov": (n_t, n_t), "target_pose_cov": (n_t, 3),
+            "landmarks": (m, 2), "landmark_covs": (m, 2, 2), "landmark_pose_covs": (m, 2, 3),
+        }  # fmt: skip
+        for name, shape in shapes.items():
+            value = getattr(one, name)
+            found = shape if value is None else np.shape(value)
+            if found != shape and not (m == 0 and found[:1] == (0,) and name.startswith("landmark")):
+                raise ValueError(
+                    f"{type(self).__name__}.describe_one: {name} must have the shape {list(shape)}; got {list(found)}"
+                )
 
     def _fill_core(self, buffers: dict[str, Any]) -> None:
         for lane in range(self.num_lanes):

@@ -14,14 +14,17 @@ import shutil
 import tempfile
 import time
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
 
 import pandas as pd
 
+from estimators import registry
+from slam_gym import policies as policy_registry
 from slam_gym import tables
-from slam_gym.evaluation_backend import Backend, Task, Workers, workers
+from slam_gym.evaluation_backend import Backend, Own, Task, Workers, workers
 from slam_gym.evaluation_folder import (
     SETTINGS,
     check_runs,
@@ -133,7 +136,7 @@ def compare(
             open_folder(folder, plan, resume)
         wanted = [run for run in range(runs) if run % shard[1] == shard[0] - 1]
         with workers(jobs, backend, address) as crew:
-            _work(plan, wanted, folder, crew, chunk, progress or _silent)
+            _work(plan, wanted, folder, replace(crew, own=_own(plan)), chunk, progress or _silent)
         how = {
             "runs": runs,
             "shard": f"{shard[0]}/{shard[1]}",
@@ -181,6 +184,12 @@ def _work(
             raise OSError(f"a worker has done {str(unit.path)!r}, which is not here: do the machines share that disk?")
         finished += len(unit.runs)
         progress(plan.combinations[unit.combination].name, finished, total)
+
+
+def _own(plan: Plan) -> Own:
+    """What the plan names of classes that the calling script has registered."""
+    estimators = registry.registered(spec.name for c in plan.combinations for spec in c.estimators)
+    return estimators, policy_registry.registered(c.policy.name for c in plan.combinations)
 
 
 def _chunk(combination: Combination, runs: int, jobs: int, combinations: int) -> int:

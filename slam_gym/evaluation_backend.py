@@ -5,13 +5,19 @@ A unit's numbers depend on its settings, seed and runs alone, so it does not mat
 
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any, Literal, get_args
 
 import joblib
 
+from estimators import registry
+from estimators.interface import Estimator
+from slam_gym import policies
+
 Backend = Literal["processes", "ray"]
 Task = tuple[Callable[..., Any], tuple[Any, ...]]  # a function and its arguments
+
+Own = tuple[dict[str, type[Estimator]], dict[str, type[policies.Policy]]]
 
 RETRIES = 5  # of a task whose Ray worker was lost
 
@@ -23,10 +29,12 @@ class Workers:
     Attributes:
         jobs: how many at once; 1 with "processes" is this process.
         backend: "processes" or "ray".
+        own: estimators and policies that a script has registered: a worker has not run that script.
     """
 
     jobs: int
     backend: Backend = "processes"
+    own: Own = field(default_factory=lambda: ({}, {}), repr=False, compare=False)
 
     @property
     def is_here(self) -> bool:
@@ -35,6 +43,8 @@ class Workers:
 
     def results(self, tasks: Sequence[Task]) -> Iterator[Any]:
         """What the tasks return, as they are done, in any order."""
+        if not self.is_here and any(self.own):
+            tasks = [(_call_knowing, (self.own, function, arguments)) for function, arguments in tasks]
         if self.backend == "ray":
             yield from _from_ray(tasks, self.jobs)
         elif self.jobs == 1:
@@ -98,6 +108,16 @@ def _from_ray(tasks: Sequence[Task], jobs: int) -> Iterator[Any]:
             running.append(remote.remote(function, arguments))
         done, running = ray.wait(running, num_returns=1)
         yield from ray.get(done)
+
+
+def _call_knowing(own: Own, function: Callable[..., Any], arguments: tuple[Any, ...]) -> Any:
+    """In a worker: make the script's own classes known, then work."""
+    estimators, chosen_policies = own
+    for name, estimator in estimators.items():
+        registry.register(name, estimator)
+    for name, policy in chosen_policies.items():
+        policies.register(name, policy)
+    return function(*arguments)
 
 
 def _call(function: Callable[..., Any], arguments: tuple[Any, ...]) -> Any:

@@ -8,7 +8,7 @@ import inspect
 import math
 import os
 from abc import ABC, abstractmethod
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from importlib.metadata import entry_points
 from pathlib import Path
@@ -177,6 +177,11 @@ def register(name: str, policy: type[Policy] | None = None) -> Any:
         return cls
 
     return add if policy is None else add(policy)
+
+
+def registered(names: Iterable[str]) -> dict[str, type[Policy]]:
+    """Those of the names that `register` has made known in this process: other processes have to be told."""
+    return {name: _registered[name] for name in names if name in _registered}
 
 
 def get(name: str) -> type[Policy]:

@@ -99,3 +99,32 @@ def test_a_lane_must_be_reset_before_it_moves():
     assert told.belief.pose[1].tolist() == [1.5, 1.0, 1.0]
     with pytest.raises(RuntimeError, match="lane 0 has no prior yet: call reset"):
         told.predict(np.ones((2, 2)), 0.5)
+
+
+@pytest.mark.parametrize(
+    ("wrong", "message"),
+    [
+        ((np.zeros(3), np.eye(3)), "must return a LaneBelief; got tuple"),
+        (LaneBelief(np.zeros(3), np.eye(2)), r"pose_cov must have the shape \[3, 3\]; got \[2, 2\]"),
+        (LaneBelief(np.zeros(3), np.eye(3), np.zeros(2), np.eye(2)), r"target must have the shape"),
+        (LaneBelief(np.zeros(3), np.eye(3), landmark_ids=[1], landmarks=np.zeros((2, 2))), r"landmarks must have"),
+        (LaneBelief(np.zeros(3), np.eye(3), landmark_ids=range(4)), "4 landmarks, but max_landmarks is 3"),
+    ],
+)
+def test_what_an_author_gets_wrong_is_said(wrong, message):
+    told = Told(MOTION, SENSOR, TARGET_MODEL, max_landmarks=3)
+    told.reset(np.zeros(3), np.zeros((3, 3)), seeds=0)
+    told.told = wrong
+    with pytest.raises((ValueError, TypeError), match=r"Told\.describe_one.*" + message):
+        told.belief.pose  # noqa: B018
+
+
+def test_a_forgotten_return_is_said():
+    class Forgetful(Told):
+        def predict_one(self, state, models, control, dt):
+            pass
+
+    forgetful = Forgetful(MOTION, SENSOR, None, max_landmarks=3)
+    forgetful.reset(np.zeros(3), np.zeros((3, 3)), seeds=0)
+    with pytest.raises(TypeError, match=r"Forgetful\.predict_one must return the lane's new state"):
+        forgetful.predict(np.zeros((1, 2)), 0.1)

@@ -207,3 +207,37 @@ def test_units_occupy_all_workers_and_are_large_enough():
     )  # fmt: skip
     sizes = {runs: _chunk(plan.combinations[0], runs, 2, 1) for runs in (1, 3, 40, 45, 200, 10_000)}
     assert sizes == {1: 1, 3: 2, 40: 20, 45: 23, 200: 25, 10_000: 32}
+
+
+OWN = """
+import numpy as np
+from estimators import registry
+from estimators.dead_reckoning import DeadReckoning
+from slam_gym import policies
+from slam_gym.evaluation import compare
+
+
+@registry.register("own-filter")
+class OwnFilter(DeadReckoning):
+    "A script's own."
+
+
+@policies.register("own-policy")
+class OwnPolicy(policies.Policy):
+    def reset(self, lanes, seeds):
+        "Nothing to forget."
+
+    def act(self, observation, belief):
+        return np.zeros((self.num_lanes, 2))
+
+
+if __name__ == "__main__":
+    print(len(compare("default", ["own-filter"], ["own-policy"], runs=2, steps=20, jobs=2).runs), "runs")
+"""
+
+
+def test_a_scripts_own_classes_reach_the_workers(tmp_path):
+    script = tmp_path / "script.py"
+    script.write_text(OWN)
+    done = subprocess.run([sys.executable, str(script)], capture_output=True, text=True, check=False)
+    assert done.stdout == "2 runs\n", done.stderr
