@@ -50,10 +50,6 @@ class Bound(partial[Any]):
     parts: tuple[Part, ...]
     table: Any
 
-    def given(self, *later: Any) -> "Bound":
-        """The same with its first later arguments bound too."""
-        return _bind(tuple((kernel, _filled(arguments, later)) for kernel, arguments in self.parts))
-
     def apart(self, scratch: Iterable[Any]) -> "Bound":
         """The same with scratch of its own in the place of these arrays: for another thread. Nothing is compiled."""
         own = {id(array): _copy(array) for array in scratch}
@@ -92,12 +88,6 @@ def _copy(array: Any) -> Any:
     own = aligned_zeros(*array.shape) if array.dtype == np.float64 else np.empty_like(array)
     own[...] = array
     return own
-
-
-def _filled(arguments: tuple[Any, ...], later: tuple[Any, ...]) -> tuple[Any, ...]:
-    """The arguments with the first ones among them that are `LATER` filled in."""
-    values = iter(later)
-    return tuple(next(values, LATER) if argument is LATER else argument for argument in arguments)
 
 
 def _bind(parts: tuple[Part, ...]) -> Bound:

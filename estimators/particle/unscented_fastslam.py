@@ -53,7 +53,8 @@ class UnscentedFastSLAM(LookingFilter):
     | a fifth of the sweeps, 0.1 rad, odometry 1.5 rad/s | 0.309, -0.028 +- 0.016 | 79 %, +7 +- 4  |
 
     Known weakness: that of all particle filters here, see `slamto`. In a fuzzed world with a target of known twist the
-    target's covariance once, after 16,600 steps, had a negative eigenvalue (-4e-5 of the largest).
+    target's covariance once had a negative eigenvalue, -4e-5 of the largest (`SLAM_GYM_FUZZ=200 pytest -m slow
+    tests/estimators/test_fuzz.py -k unscented-fastslam`).
 
     Args:
         particles, resample_threshold, association, match_gate, new_gate, remove_below, map_storage: see `SLAMTO`.

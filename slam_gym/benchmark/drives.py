@@ -9,12 +9,12 @@ from typing import Any
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from estimators import registry
-from estimators.interface import Estimator, Floats, Scan
+from estimators.interface import Floats, Scan
 from slam_gym.benchmark.floors import dsyrk_work
 from slam_gym.benchmark.timing import Work
 from slam_gym.episode import Episode
 from slam_gym.scenario import Scenario
+from slam_gym.simulation import make_estimator
 from slam_gym.specs import Spec
 
 DRIVES: dict[str, tuple[str, ...]] = {
@@ -60,7 +60,8 @@ class Replay:
     """A drive through one estimator, by its bound kernels where it has them, in parts of `PART` control steps."""
 
     def __init__(self, spec: str, drive: Drive) -> None:
-        self.drive, self.estimator = drive, _estimator(spec, drive)
+        chosen = Spec.parse(spec)
+        self.drive, self.estimator = drive, make_estimator(drive.scenario, chosen.name, chosen.options)
         self.parts = [self._part(at) for at in range(0, len(drive.controls), PART)]
 
     def _part(self, at: int) -> Work:
@@ -106,12 +107,6 @@ def _seconds(work: Work, times: int = 1) -> float:
     for _ in range(times):
         work()
     return perf_counter() - began
-
-
-def _estimator(spec: str, drive: Drive) -> Estimator:
-    chosen = Spec.parse(spec)
-    options: dict[str, Any] = {"max_landmarks": drive.scenario.max_landmarks, **chosen.options}
-    return registry.make(chosen.name, *drive.scenario.models(), **options)
 
 
 def drive_rows(name: str, specs: Sequence[str], rounds: int = 20, longest: int | None = None) -> list[dict[str, Any]]:

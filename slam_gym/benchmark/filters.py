@@ -30,9 +30,9 @@ def filter_rows(
     seconds = least_seconds({name: our_work(name, stream) for name in names}, rounds=rounds)
     slow: dict[str, Work] = {}
     for name, (module, adapter) in FOREIGN.items():
-        if others and _installed(module):
+        if others and installed(module):
             slow[name] = _foreign_work(adapter, stream)
-    if others and _installed("gtsam") and _known("isam2"):
+    if others and installed("gtsam") and _known("isam2"):
         slow["GTSAM iSAM2, this package's `isam2`"] = our_work("isam2", stream)
     seconds |= least_seconds(slow, rounds=SLOW_ROUNDS)
     first = seconds[names[0]]
@@ -94,7 +94,8 @@ def _foreign_work(adapter: Callable[..., Any], stream: Stream) -> Work:
     return work
 
 
-def _installed(module: str) -> bool:
+def installed(module: str) -> bool:
+    """Whether a package can be imported."""
     from importlib.util import find_spec
 
     return find_spec(module) is not None

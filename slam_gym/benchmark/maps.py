@@ -88,10 +88,10 @@ def map_row(storage: str, landmarks: int, settled: int = SETTLED) -> dict[str, A
         seconds.append(moved - began)
     second, unit = np.quantile(seconds[-settled:], 0.1), np.quantile(units[-settled:], 0.1)
     return {"storage": storage, "landmarks": landmarks, "microseconds": 1e6 * second, "times_dsyrk": second / unit,
-            "megabytes": map_bytes(estimator) / 1e6, "used": int(estimator.map_bytes()[0]) / 1e6}  # fmt: skip
+            "megabytes": reserved_bytes(estimator) / 1e6, "used": int(estimator.map_bytes()[0]) / 1e6}  # fmt: skip
 
 
-def map_bytes(estimator: Estimator) -> int:
+def reserved_bytes(estimator: Estimator) -> int:
     """What an estimator has set aside for its particles' maps."""
     state = estimator.get_state()
     return sum(int(state[name].nbytes) for name in ("maps", "points", "ancestors", "index"))

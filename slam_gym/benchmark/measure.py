@@ -8,7 +8,7 @@ from typing import Any
 from slam_gym.benchmark import maps, scaling
 from slam_gym.benchmark.drives import DRIVES, drive_rows
 from slam_gym.benchmark.environment import environment_rows
-from slam_gym.benchmark.filters import blas_rows, compressed_rows, filter_rows
+from slam_gym.benchmark.filters import blas_rows, compressed_rows, filter_rows, installed
 from slam_gym.benchmark.floors import peak_gflops
 from slam_gym.benchmark.machine import machine
 
@@ -94,10 +94,9 @@ def measure(size: Size, progress: Progress) -> dict[str, Any]:
 
 def training_rows() -> list[dict[str, Any]]:
     """What `agents.sb3.throughput` measures; nothing where Stable-Baselines3 is not installed."""
-    try:
-        return list(import_module("agents.sb3.throughput").training_rows())
-    except ImportError:
+    if not installed("stable_baselines3"):
         return []
+    return list(import_module("agents.sb3.throughput").training_rows())
 
 
 def growth(rows: Sequence[dict[str, Any]], key: str, name: str) -> float:

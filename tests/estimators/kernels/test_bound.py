@@ -107,11 +107,3 @@ def test_apart_has_scratch_of_its_own_and_shares_the_rest(arguments):
     other(np.arange(2))
     np.testing.assert_array_equal(out, own)
     assert other.func is bound.func
-
-
-def test_given_binds_what_was_to_be_given_later(arguments):
-    out, *rest = arguments
-    bind(mix, out, *rest, LATER).given(np.arange(2))()
-    plain = np.zeros(2)
-    mix(plain, *rest, np.arange(2))
-    np.testing.assert_array_equal(out, plain)

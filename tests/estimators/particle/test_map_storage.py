@@ -3,11 +3,10 @@
 import numpy as np
 import pytest
 
-from estimators.interface import Scan
-from estimators.models import MotionModel, SensorModel
 from estimators.particle import map_storage as store
 from estimators.particle import tree_storage
 from estimators.registry import make as make_estimator
+from slam_gym.benchmark.maps import CONTROL, MOTION, SENSOR, sweeps
 
 N, M = 12, 40
 
@@ -105,21 +104,9 @@ def test_what_nobody_shares_is_written_in_place():
     assert used == [N * (6 + 1)] * 3
 
 
-MOTION = MotionModel(speed_std=0.3, turn_std=0.1)
-CONTROL = np.array([[1.0, 0.0]])
-SENSOR = SensorModel(max_range=6.0, range_std=0.1, bearing_std=0.02)
-
-
-def drive(filters, landmarks, steps, seen=10, seed=0):
-    """A robot along the x axis past a line of landmarks, ten seen after each step; yields its number."""
-    rng, scan = np.random.default_rng(seed), Scan.empty(1, seen)
-    for step in range(steps):
-        first = (step // 2) % (landmarks - seen)
-        ids = np.arange(first, first + seen)
-        away = np.column_stack([0.2 * ids - 0.1 * (2 * first) - 1.0, np.where(ids % 2, 2.0, -2.0)])
-        scan.ranges[0] = np.hypot(*away.T) + 0.1 * rng.standard_normal(seen)
-        scan.bearings[0] = np.arctan2(away[:, 1], away[:, 0]) + 0.02 * rng.standard_normal(seen)
-        scan.labels[0], scan.count[0] = ids, seen
+def drive(filters, landmarks, steps, seed=0):
+    """The filters past a line of landmarks, ten seen after each step; yields its number."""
+    for step, scan in enumerate(sweeps(landmarks, steps, seed)):
         for f in filters:
             f.predict(CONTROL, 0.1)
             f.update(scan)
