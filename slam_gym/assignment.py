@@ -2,7 +2,6 @@
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.optimize import linear_sum_assignment
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -24,7 +23,7 @@ def match_landmarks(found: ArrayLike, truth: ArrayLike, gate: float = LANDMARK_G
     distance = _distances(found, truth)
     match = np.full(distance.shape[0], -1, dtype=np.int64)
     if distance.size:
-        rows, columns = linear_sum_assignment(np.minimum(distance, gate))
+        rows, columns = _least_total(np.minimum(distance, gate))
         near = distance[rows, columns] < gate
         match[rows[near]] = columns[near]
     return match
@@ -42,7 +41,7 @@ def gospa(found: ArrayLike, truth: ArrayLike, cutoff: float = LANDMARK_GATE, ord
     matched, localisation = 0, 0.0
     if distance.size:
         cost = np.minimum(distance, cutoff) ** order
-        rows, columns = linear_sum_assignment(cost)
+        rows, columns = _least_total(cost)
         near = cost[rows, columns] < each
         matched, localisation = int(near.sum()), float(cost[rows, columns][near].sum())
     return float((localisation + 0.5 * each * (n + m - 2 * matched)) ** (1.0 / order))
@@ -52,3 +51,11 @@ def _distances(found: ArrayLike, truth: ArrayLike) -> Floats:
     a, b = np.asarray(found, dtype=np.float64).reshape(-1, 2), np.asarray(truth, dtype=np.float64).reshape(-1, 2)
     distance = np.hypot(a[:, None, 0] - b[None, :, 0], a[:, None, 1] - b[None, :, 1])
     return np.where(np.isfinite(distance), distance, np.inf)  # an estimate that is not finite matches nothing
+
+
+def _least_total(cost: Floats) -> tuple[Ints, Ints]:
+    """Rows and columns of the one-to-one assignment with the least total cost."""
+    from scipy.optimize import linear_sum_assignment  # takes half a second, which labelled landmarks need not wait for
+
+    rows, columns = linear_sum_assignment(cost)
+    return rows, columns

@@ -8,7 +8,6 @@ import math
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.stats import chi2
 
 Floats = NDArray[np.float64]
 
@@ -62,6 +61,8 @@ def nees_bounds(dof: int, runs: int = 1, probability: float = 0.95) -> tuple[flo
         raise ValueError(
             f"nees_bounds needs dof >= 1, runs >= 1, 0 < probability < 1; got {dof}, {runs}, {probability}"
         )
+    from scipy.stats import chi2  # takes a second, which an environment need not wait for
+
     tail = 0.5 * (1.0 - probability)
     low, high = np.asarray(chi2.ppf((tail, 1.0 - tail), runs * dof)) / runs
     return float(low), float(high)
@@ -130,6 +131,8 @@ def diverged(pose_nees: ArrayLike, robot_error: ArrayLike, *, error_limit: float
     if errors.shape[1] == 0:
         return np.zeros(errors.shape[0], dtype=np.bool_)
     last = values[:, -max(1, math.ceil(DIVERGED_SHARE * values.shape[1])) :]
+    from scipy.stats import chi2
+
     limit = chi2.isf(DIVERGED_TAIL, 3)
     broken = ~np.isfinite(errors).all(axis=1)
     return np.asarray(broken | (last > limit).all(axis=1) | (errors[:, -1] > error_limit), dtype=np.bool_)
