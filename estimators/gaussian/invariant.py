@@ -20,7 +20,7 @@ from estimators.kernels.borrow import borrow
 from estimators.kernels.bound import LATER
 from estimators.kernels.gaussian import ROBOT, nis_and_log_det, rows_in_use, shear
 from estimators.kernels.jit import inline, jit
-from estimators.kernels.left_looking import CORRECTION, ROWS, SHIFT, collect, current_row, settle, spread
+from estimators.kernels.left_looking import CORRECTION, ROWS, SHIFT, TURN, collect, keep_heading, settle, spread
 from estimators.kernels.range_bearing import gradient, measure, noise_std
 from estimators.kernels.simd import subtract_rows
 from estimators.models import TWIST
@@ -83,11 +83,11 @@ def change_coordinates(P, work, lane, n, rows):
     The added d e' + e d', e = P_phi + P_phiphi d / 2, is written as a difference of squares: it is symmetric to the
     last bit.
     """
-    current_row(P, work, lane, n, rows, 2)
-    half = 0.5 * work[rows, 2]
+    keep_heading(P, work, lane, n, rows)
+    half = 0.5 * work[TURN, 2]
     for i in range(n):
         d = work[SHIFT, i]
-        e = work[rows, i] + half * d
+        e = work[TURN, i] + half * d
         work[rows, i] = HALF_ROOT * (d - e)
         work[rows + 1, i] = HALF_ROOT * (d + e)
     subtract_rows(P, lane, n, work, rows + 1, 1)

@@ -107,7 +107,7 @@ class GaussianEstimator(Estimator):
         self.n_t = len(self.target_names)
         before_map = self.n_t + self.extra_states
         self.n_max = -(-(ROBOT + before_map + 2 * M) // BLOCK) * BLOCK
-        self.mu: Floats = np.zeros((L, self.n_max))
+        self.mu: Floats = aligned_zeros(L, self.n_max)
         self.P: Floats = aligned_zeros(L, self.n_max, self.n_max)
         self.count: Ints = np.zeros(L, dtype=np.int64)
         self.ids: Ints = np.full((L, M), -1, dtype=np.int64)

@@ -3,7 +3,8 @@
 Numba vectorises them too, but checks each row anew whether P and W overlap; written out in vectors of eight they take
 about half the time (on processors with AVX-512 less). LLVM splits the vectors where the processor's are narrower.
 `add_outer` adds two products in one sweep over P; `subtract_rows` any number of them, a tile of P at a time, so that P
-is read and written once: half the time again where P is larger than the first cache.
+is read and written once: half the time again where P is larger than the first cache. `simd_rows` has the loops over
+rows of W that the update itself is made of.
 """
 
 from typing import Any
@@ -15,10 +16,10 @@ from numba.core import cgutils
 from numba.extending import intrinsic
 
 WIDTH = 8  # numbers in a vector: P's rows come in blocks of as many
-_DOUBLE, _INDEX = ir.DoubleType(), ir.IntType(64)
-_VECTOR = ir.VectorType(_DOUBLE, WIDTH)
-_ALIGN = 8  # bytes: of a double, not of a vector
-_FUSE = ("contract",)
+_DOUBLE, INDEX = ir.DoubleType(), ir.IntType(64)
+VECTOR = ir.VectorType(_DOUBLE, WIDTH)
+ALIGN = 8  # bytes: of a double, not of a vector
+FUSE = ("contract",)
 CACHE_LINE = 64  # bytes
 
 
@@ -48,8 +49,8 @@ def _add_outer(typingctx, P, lane, n, W, sign_0, sign_1):
         start = builder.gep(p_array.data, [builder.mul(lane_value, builder.mul(side, side))])
         second = builder.gep(w_array.data, [builder.extract_value(w_array.shape, 1)])
         rows = list(zip((w_array.data, second), signs, strict=True))
-        whole = builder.and_(n_value, _INDEX(-2 * WIDTH))
-        with cgutils.for_range_slice(builder, _INDEX(0), whole, _INDEX(2 * WIDTH), _INDEX) as (column, _):
+        whole = builder.and_(n_value, INDEX(-2 * WIDTH))
+        with cgutils.for_range_slice(builder, INDEX(0), whole, INDEX(2 * WIDTH), INDEX) as (column, _):
             _add_strip(builder, start, side, n_value, column, rows, 2)
         with builder.if_then(builder.icmp_signed("<", whole, n_value)):
             _add_strip(builder, start, side, n_value, whole, rows, 1)
@@ -63,34 +64,36 @@ add_outer: Any = intrinsic(_add_outer)
 
 def _add_strip(builder, start, side, n, column, rows, vectors):
     """All rows of `vectors` vectors of columns, from `column` on: what is across stays in registers."""
-    columns = [builder.add(column, _INDEX(WIDTH * k)) for k in range(vectors)]
-    across = [[_load(builder, builder.gep(row, [c])) for c in columns] for row, _ in rows]
-    with cgutils.for_range(builder, n, intp=_INDEX) as loop:
+    columns = [builder.add(column, INDEX(WIDTH * k)) for k in range(vectors)]
+    across = [[load(builder, builder.gep(row, [c])) for c in columns] for row, _ in rows]
+    with cgutils.for_range(builder, n, intp=INDEX) as loop:
         line = builder.mul(loop.index, side)
         factors = [
-            _splat(builder, builder.fmul(sign, builder.load(builder.gep(row, [loop.index])))) for row, sign in rows
+            splat(builder, builder.fmul(sign, builder.load(builder.gep(row, [loop.index])))) for row, sign in rows
         ]
         for k, c in enumerate(columns):
-            at = _vector_pointer(builder, builder.gep(start, [builder.add(line, c)]))
-            value = builder.load(at, align=_ALIGN)
+            at = vector_pointer(builder, builder.gep(start, [builder.add(line, c)]))
+            value = builder.load(at, align=ALIGN)
             for factor, other in zip(factors, across, strict=True):
-                value = builder.fadd(value, builder.fmul(factor, other[k], flags=_FUSE), flags=_FUSE)
-            builder.store(value, at, align=_ALIGN)
+                value = builder.fadd(value, builder.fmul(factor, other[k], flags=FUSE), flags=FUSE)
+            builder.store(value, at, align=ALIGN)
 
 
-def _vector_pointer(builder, pointer):
-    return builder.bitcast(pointer, _VECTOR.as_pointer())
+def vector_pointer(builder, pointer):
+    """The pointer to a number as one to a vector."""
+    return builder.bitcast(pointer, VECTOR.as_pointer())
 
 
-def _load(builder, pointer):
-    return builder.load(_vector_pointer(builder, pointer), align=_ALIGN)
+def load(builder, pointer):
+    """The vector that begins there."""
+    return builder.load(vector_pointer(builder, pointer), align=ALIGN)
 
 
-def _splat(builder, scalar):
+def splat(builder, scalar):
     """The same number in every place of a vector."""
-    one = builder.insert_element(ir.Constant(_VECTOR, ir.Undefined), scalar, ir.IntType(32)(0))
+    one = builder.insert_element(ir.Constant(VECTOR, ir.Undefined), scalar, ir.IntType(32)(0))
     places = ir.Constant(ir.VectorType(ir.IntType(32), WIDTH), None)
-    return builder.shuffle_vector(one, ir.Constant(_VECTOR, ir.Undefined), places)
+    return builder.shuffle_vector(one, ir.Constant(VECTOR, ir.Undefined), places)
 
 
 PANEL = 64  # columns worked on together: their part of W stays in the first cache, and P comes by whole cache lines
@@ -113,26 +116,26 @@ def _subtract_rows(typingctx, P, lane, n, W, minus, plus):
         _, lane_value, n_value, _, minus_value, plus_value = args
         side, width = builder.extract_value(p_array.shape, 2), builder.extract_value(w_array.shape, 1)
         start = builder.gep(p_array.data, [builder.mul(lane_value, builder.mul(side, side))])
-        ends = [(_INDEX(0), minus_value, True), (minus_value, builder.add(minus_value, plus_value), False)]
-        tile = [cgutils.alloca_once(builder, _VECTOR) for _ in range(TILE)]
-        with cgutils.for_range_slice(builder, _INDEX(0), n_value, _INDEX(PANEL), _INDEX) as (panel, _):
-            right = builder.add(panel, _INDEX(PANEL))
-            with cgutils.for_range_slice(builder, panel, n_value, _INDEX(TILE), _INDEX) as (row, _):
-                diagonal = builder.add(builder.and_(row, _INDEX(-WIDTH)), _INDEX(WIDTH))
+        ends = [(INDEX(0), minus_value, True), (minus_value, builder.add(minus_value, plus_value), False)]
+        tile = [cgutils.alloca_once(builder, VECTOR) for _ in range(TILE)]
+        with cgutils.for_range_slice(builder, INDEX(0), n_value, INDEX(PANEL), INDEX) as (panel, _):
+            right = builder.add(panel, INDEX(PANEL))
+            with cgutils.for_range_slice(builder, panel, n_value, INDEX(TILE), INDEX) as (row, _):
+                diagonal = builder.add(builder.and_(row, INDEX(-WIDTH)), INDEX(WIDTH))
                 end = builder.select(builder.icmp_signed("<", diagonal, right), diagonal, right)
-                with cgutils.for_range_slice(builder, panel, end, _INDEX(WIDTH), _INDEX) as (column, _):
-                    lines = [builder.mul(builder.add(row, _INDEX(i)), side) for i in range(TILE)]
+                with cgutils.for_range_slice(builder, panel, end, INDEX(WIDTH), INDEX) as (column, _):
+                    lines = [builder.mul(builder.add(row, INDEX(i)), side) for i in range(TILE)]
                     places = [
-                        _vector_pointer(builder, builder.gep(start, [builder.add(line, column)])) for line in lines
+                        vector_pointer(builder, builder.gep(start, [builder.add(line, column)])) for line in lines
                     ]
                     for one, place in zip(tile, places, strict=True):
-                        builder.store(builder.load(place, align=_ALIGN), one)
+                        builder.store(builder.load(place, align=ALIGN), one)
                     for first, last, negative in ends:
                         _add_products(builder, tile, w_array.data, width, row, column, first, last, negative)
                     values = [builder.load(one) for one in tile]
                     for value, place in zip(values, places, strict=True):
-                        builder.store(value, place, align=_ALIGN)
-                    below = builder.icmp_signed(">=", row, builder.add(column, _INDEX(WIDTH)))
+                        builder.store(value, place, align=ALIGN)
+                    below = builder.icmp_signed(">=", row, builder.add(column, INDEX(WIDTH)))
                     with builder.if_then(below):
                         _store_transposed(builder, values, start, side, row, column)
         return context.get_dummy_value()
@@ -145,15 +148,15 @@ subtract_rows: Any = intrinsic(_subtract_rows)
 
 def _add_products(builder, tile, rows, width, row, column, first, last, negative):
     """tile[i] -= or += W[k, row + i] W[k, column ...] over the rows k of W from `first` to `last`."""
-    with cgutils.for_range_slice(builder, first, last, _INDEX(1), _INDEX) as (k, _):
+    with cgutils.for_range_slice(builder, first, last, INDEX(1), INDEX) as (k, _):
         line = builder.gep(rows, [builder.mul(k, width)])
-        across = _load(builder, builder.gep(line, [column]))
+        across = load(builder, builder.gep(line, [column]))
         if negative:
             across = builder.fneg(across)
         for i, one in enumerate(tile):
-            factor = _splat(builder, builder.load(builder.gep(line, [builder.add(row, _INDEX(i))])))
-            product = builder.fmul(factor, across, flags=_FUSE)
-            builder.store(builder.fadd(builder.load(one), product, flags=_FUSE), one)
+            factor = splat(builder, builder.load(builder.gep(line, [builder.add(row, INDEX(i))])))
+            product = builder.fmul(factor, across, flags=FUSE)
+            builder.store(builder.fadd(builder.load(one), product, flags=FUSE), one)
 
 
 def _store_transposed(builder, values, start, side, row, column):
@@ -163,43 +166,5 @@ def _store_transposed(builder, values, start, side, row, column):
         line: Any = ir.Constant(kind, ir.Undefined)
         for i, value in enumerate(values):
             line = builder.insert_element(line, builder.extract_element(value, places(q)), places(i))
-        place = builder.gep(start, [builder.add(builder.mul(builder.add(column, _INDEX(q)), side), row)])
-        builder.store(line, builder.bitcast(place, kind.as_pointer()), align=_ALIGN)
-
-
-def _project(typingctx, W, row, n, rows, gain):
-    """W[row] -= sum W[gain, k] W[k], W[row + 1] -= sum W[gain + 1, k] W[k] over the first `rows` rows; n as above.
-
-    Args:
-        W: contiguous, [.., >= max(n, rows)].
-    """
-    signature = types.void(W, types.intp, types.intp, types.intp, types.intp)
-
-    def codegen(context, builder, sig, args):
-        w_array = context.make_array(sig.args[0])(context, builder, args[0])
-        _, row_value, n_value, rows_value, gain_value = args
-        width = builder.extract_value(w_array.shape, 1)
-
-        def line(first, i):
-            return builder.gep(w_array.data, [builder.mul(builder.add(first, _INDEX(i)), width)])
-
-        targets, gains = [line(row_value, i) for i in range(2)], [line(gain_value, i) for i in range(2)]
-        sums = [cgutils.alloca_once(builder, _VECTOR) for _ in range(2)]
-        with cgutils.for_range_slice(builder, _INDEX(0), n_value, _INDEX(WIDTH), _INDEX) as (column, _):
-            places = [_vector_pointer(builder, builder.gep(target, [column])) for target in targets]
-            for one, place in zip(sums, places, strict=True):
-                builder.store(builder.load(place, align=_ALIGN), one)
-            with cgutils.for_range(builder, rows_value, intp=_INDEX) as loop:
-                across = builder.fneg(_load(builder, builder.gep(line(loop.index, 0), [column])))
-                for one, gain in zip(sums, gains, strict=True):
-                    factor = _splat(builder, builder.load(builder.gep(gain, [loop.index])))
-                    product = builder.fmul(factor, across, flags=_FUSE)
-                    builder.store(builder.fadd(builder.load(one), product, flags=_FUSE), one)
-            for one, place in zip(sums, places, strict=True):
-                builder.store(builder.load(one), place, align=_ALIGN)
-        return context.get_dummy_value()
-
-    return signature, codegen
-
-
-project: Any = intrinsic(_project)
+        place = builder.gep(start, [builder.add(builder.mul(builder.add(column, INDEX(q)), side), row)])
+        builder.store(line, builder.bitcast(place, kind.as_pointer()), align=ALIGN)

@@ -7,7 +7,7 @@ from estimators.gaussian import invariant
 from estimators.gaussian.invariant import RIEKF
 from estimators.interface import TARGET
 from estimators.kernels.jit import jit
-from estimators.kernels.left_looking import CORRECTION, scratch
+from estimators.kernels.left_looking import CORRECTION, TURN, scratch
 from estimators.models import TargetModel
 from estimators.testing import checks
 
@@ -65,7 +65,9 @@ def test_retraction_is_the_group_exponential(angle, n_t, held):
             M[j : j + 2, heading] += J @ (expected[j : j + 2] - mu[0, j : j + 2])
         expected[heading] = (mu[0, heading] + th + np.pi) % (2 * np.pi) - np.pi
     collected = work[:held, :n].copy()
-    cov = M @ (P[0] - collected.T @ collected) @ M.T
+    left = P[0] - collected.T @ collected
+    work[TURN, :n] = left[2]  # as the update keeps it
+    cov = M @ left @ M.T
     _retract(mu, P, work, held, n_t, count, twist)
     np.testing.assert_allclose(mu[0], expected, atol=1e-12)
     np.testing.assert_allclose(P[0], cov, atol=1e-9)

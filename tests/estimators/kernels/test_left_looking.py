@@ -27,16 +27,16 @@ def take_in(mu, P, work, js, A, c, y, R):
 
 
 @jit
-def row_after(P, work, js, A, c, R, row):
-    """A row of P after the returns, without settling it."""
+def heading_after(P, work, js, A, c, R):
+    """The heading's row of P after the returns, without settling it."""
     none = np.zeros((1, P.shape[1]))
     for k in range(js.size):
         s00, s01, s11 = ll.spread(
             P, work, 0, P.shape[1], 2 * k, js[k], A[k, 0, 0], A[k, 0, 1], A[k, 1, 0], A[k, 1, 1], c[k, 0], c[k, 1]
         )
         ll.collect(none, 0, work, P.shape[1], 2 * k, 0.0, 0.0, s00 + R[0], s01, s11 + R[1])
-    ll.current_row(P, work, 0, P.shape[1], 2 * js.size, row)
-    return work[2 * js.size].copy()
+    ll.keep_heading(P, work, 0, P.shape[1], 2 * js.size)
+    return work[ll.TURN].copy()
 
 
 def textbook(mu, P, j, A, c, y, R):
@@ -80,16 +80,13 @@ def test_equals_one_update_after_the_other(joint, count):
     assert not P[0, USED:].any()  # rows not in use stay zero
 
 
-def test_a_row_as_it_will_be(joint):
+@pytest.mark.parametrize("count", [0, 5])
+def test_the_heading_as_it_will_be(joint, count):
     _, P = joint
-    js, A, c, _ = returns(5)
+    js, A, c, _ = returns(count)
     R = np.array([0.3, 0.2])
     expected = P[0].copy()
-    for k in range(5):
+    for k in range(count):
         _, expected = textbook(np.zeros(N), expected, js[k], A[k], c[k], np.zeros(2), R)
-    found = row_after(P, ll.scratch(N), js, A, c, R, 2)
+    found = heading_after(P, ll.scratch(N), js, A, c, R)
     np.testing.assert_allclose(found[:N], expected[2], atol=1e-9)
-
-
-def test_scratch_has_room_for_gains_of_a_small_state():
-    assert ll.scratch(8).shape[1] >= ll.ROWS

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from estimators.kernels.jit import jit
-from estimators.kernels.simd import CACHE_LINE, add_outer, aligned_zeros, project, subtract_rows
+from estimators.kernels.simd import CACHE_LINE, add_outer, aligned_zeros, subtract_rows
 
 
 @jit
@@ -13,11 +13,6 @@ def _add(P, lane, n, W, sign_0, sign_1):
 @jit
 def _subtract(P, lane, n, W, minus, plus):
     subtract_rows(P, lane, n, W, minus, plus)
-
-
-@jit
-def _project(W, row, n, rows, gain):
-    project(W, row, n, rows, gain)
 
 
 @pytest.mark.parametrize("n", [8, 16, 24, 40])
@@ -47,15 +42,6 @@ def test_many_products_at_once(n, minus, plus):
     _subtract(P, 1, n, W, minus, plus)
     np.testing.assert_allclose(P, expected, atol=1e-12)
     np.testing.assert_array_equal(P, np.swapaxes(P, 1, 2))
-
-
-@pytest.mark.parametrize("rows", [0, 1, 6])
-def test_projection(rows):
-    W = np.random.default_rng(rows).standard_normal((10, 24))
-    expected = W.copy()
-    expected[6:8, :16] -= W[8:10, :rows] @ W[:rows, :16]
-    _project(W, 6, 16, rows, 8)
-    np.testing.assert_allclose(W, expected, atol=1e-12)
 
 
 def test_aligned_zeros():
