@@ -84,7 +84,7 @@ class FastSLAM1(SLAMTO):
     (400 runs: robot 0.039 m, target 0.067 m, as `slamto`).
 
     Args:
-        particles, association, gate, match_gate, new_gate: see `SLAMTO`.
+        particles, islands, association, gate, match_gate, new_gate: see `SLAMTO`.
         resample_threshold: share of the particles, in [0, 1]; 1 resamples at every weighted update.
     """
 
@@ -121,13 +121,14 @@ class FastSLAM2(SLAMTO):
     What to expect: in the paper's experiment 1 of `slamto` (400 runs, 320 steps) 20 of these particles do what 200 of
     FastSLAM 1 do (robot 0.039 m, target 0.067 m); 200 reach 0.035 m and 0.065 m, with 89 % of the pose's and 94 % of
     the target's NEES inside the 95 % bounds. The weakness stays that of all particle filters here (see `slamto`):
-    resampling loses the map's uncertainty along the common past, so that over long runs the covariances are too small.
+    resampling loses the map's uncertainty along the common past, so that over long runs the covariances are too small,
+    unless the particles live on `islands`.
     Returns are linearised one after the other at the pose that those before have left, and iterated only where the
     point's spread as seen exceeds a fifth of its distance.
 
     Args:
-        particles, resample_threshold, association, gate, match_gate, new_gate: see `SLAMTO`; the gate is on the NIS
-            with S as above.
+        particles, resample_threshold, islands, association, gate, match_gate, new_gate: see `SLAMTO`; the gate is on
+            the NIS with S as above.
     """
 
     name: ClassVar[str] = "fastslam2"

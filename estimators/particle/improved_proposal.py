@@ -40,7 +40,8 @@ class RBPF(LookingFilter):
         samples: K of Eq. (10), at least 4: a covariance of three numbers needs as many.
         proposal: "whitened" or "literal".
         box: half widths of the literal box, (x [m], y [m], heading [rad]).
-        particles, resample_threshold, gate, map_storage: see `SLAMTO`. `gate` must be infinite: returns are not gated.
+        particles, resample_threshold, islands, gate, map_storage: see `SLAMTO`. `gate` must be infinite: returns are
+            not gated.
         association, match_gate, new_gate, remove_below: see `SLAMTO`. With "nearest" each particle samples around
             the mode of what it has matched itself.
     """

@@ -41,7 +41,7 @@ LANE = np.dtype(
         ("step", np.int64),  # predictions since reset: the draws' counter
         ("count", np.int64),  # map columns in use
         ("hypotheses", np.int64),  # 0: target unknown; 1: settled; HEADINGS: heading open
-        ("due", np.int64),  # resample at the next call
+        ("due", np.int64),  # to be resampled at the next call: a bit for each island
         *((name, np.int64) for name in EVENTS),
     ]
 )

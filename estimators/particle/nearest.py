@@ -41,7 +41,8 @@ _LOG_TWO_PI = math.log(2.0 * math.pi)
 @jit
 def update_nearest_lanes(
     lanes, ranges, bearings, labels, count, complete, models, state, pose, pose_cov, maps, used, exists, target,
-    log_hypothesis, log_w, w, scratch, normals, cost, nearest, slot, share, match_gate, new_gate, limit, threshold, how,
+    log_hypothesis, log_w, w, scratch, normals, cost, nearest, slot, share, match_gate, new_gate, limit, islands,
+    threshold, how,
 ):  # fmt: skip
     """Take in one sweep whose labels are not looked at, but for `TARGET`.
 
@@ -101,7 +102,7 @@ def update_nearest_lanes(
         if keeps_books:
             removed, state[lane].count = remove_unlikely(maps[lane], exists[lane], used[lane], w[lane], limit)
             state[lane].removed += int(removed + 0.5)
-        finish_sweep(lane, state, target[lane], log_hypothesis[lane], log_w[lane], w[lane], threshold)
+        finish_sweep(lane, state, target[lane], log_hypothesis[lane], log_w[lane], w[lane], islands, threshold)
 
 
 @inline

@@ -8,12 +8,12 @@ import math
 
 from estimators.kernels.association import DROPPED, NEW, TARGET_SLOT, slot_by_label
 from estimators.kernels.jit import jit, subroutine
-from estimators.kernels.random import uniform4
 from estimators.kernels.range_bearing import noise_std
-from estimators.kernels.resampling import move_columns, moves, normalise, systematic
+from estimators.kernels.resampling import move_columns
 from estimators.models import NO_TARGET, TWIST
 from estimators.particle.columns import gather_weights, share_outside, start_column, update_column
-from estimators.particle.layout import DRAW_MOTION, DRAW_RESAMPLE, HEADINGS, OPEN, REFUSED
+from estimators.particle.islands import draw_survivors, weigh
+from estimators.particle.layout import DRAW_MOTION, HEADINGS, OPEN, REFUSED
 from estimators.particle.looks import UNSCENTED
 from estimators.particle.map_storage import move_particles, open_column, put_away
 from estimators.particle.proposal import draw_normals, move, trigonometry
@@ -46,7 +46,7 @@ def move_lanes(lanes, control, dt, models, state, pose, normals):
 @jit
 def update_lanes(
     lanes, ranges, bearings, labels, count, proposed, models, state, ids, pose, maps, points, ancestors, index, target,
-    log_hypothesis, log_w, w, scratch, gate, threshold, kind,
+    log_hypothesis, log_w, w, scratch, gate, islands, threshold, kind,
 ):  # fmt: skip
     """Take in one sweep whose returns say what they are (known association). scratch: [23, N].
 
@@ -82,7 +82,7 @@ def update_lanes(
                 taken = 0
         if taken > 0:
             gather_weights(log_w[lane], scratch[2], scratch[3])
-        finish_sweep(lane, state, target[lane], log_hypothesis[lane], log_w[lane], w[lane], threshold)
+        finish_sweep(lane, state, target[lane], log_hypothesis[lane], log_w[lane], w[lane], islands, threshold)
 
 
 @subroutine
@@ -95,13 +95,9 @@ def begin_sweep(pose, scratch):
 
 
 @subroutine
-def finish_sweep(lane, state, target, log_hypothesis, log_w, w, threshold):
-    """Normalise the weights, merge a target's heading hypotheses that agree, see whether to resample."""
-    effective, bad, collapsed = normalise(log_w, w)
-    state[lane].collapsed_weights += collapsed
-    state[lane].bad_weights += bad
-    # A particle that is not a number is replaced at once; else a threshold of zero would keep it for ever.
-    state[lane].due = effective < threshold * w.size or bad > 0
+def finish_sweep(lane, state, target, log_hypothesis, log_w, w, islands, threshold):
+    """Normalise the weights and see whether to resample, merge a target's heading hypotheses that agree."""
+    weigh(lane, state, log_w, w, islands, threshold)
     if state[lane].hypotheses == HEADINGS:
         state[lane].hypotheses = settle(target, log_hypothesis, HEADINGS, w)
 
@@ -207,19 +203,15 @@ def take_target(lane, distance, bearing, model, state, pose, target, log_hypothe
 @jit
 def resample_lanes(
     lanes, state, pose, pose_cov, maps, points, ancestors, index, target, log_hypothesis, log_w, w, used, exists,
-    places,
+    places, islands,
 ):  # fmt: skip
-    """Systematic resampling in the lanes where it is due. exists: [L, M or 0, N]. places: [3, N] integer scratch."""
+    """Systematic resampling in the lanes where it is due (see `islands`). exists: [L, M or 0, N]. places: [3, N] integer scratch."""
     copies, source, destination = places[0], places[1], places[2]
     for lane in lanes:
         put_away(maps[lane], points[lane], ancestors[lane], index[lane])
         if state[lane].due == 0:
             continue
-        state[lane].due = 0
-        state[lane].resampled += 1
-        u = uniform4(state[lane].key, 0, state[lane].step, DRAW_RESAMPLE, state[lane].resampled)[0]
-        systematic(w[lane], u, copies)
-        count = moves(copies, source, destination)
+        count = draw_survivors(lane, state, log_w[lane], w[lane], islands, copies, source, destination)
         move_columns(pose[lane], source, destination, count)
         move_columns(pose_cov[lane], source, destination, count)
         move_particles(
@@ -231,6 +223,3 @@ def resample_lanes(
         move_columns(log_hypothesis[lane, : state[lane].hypotheses], source, destination, count)
         for i in range(count):
             used[lane, destination[i]] = used[lane, source[i]]
-        for p in range(w.shape[1]):
-            log_w[lane, p] = 0.0
-            w[lane, p] = 1.0 / w.shape[1]

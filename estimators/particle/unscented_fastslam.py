@@ -57,8 +57,8 @@ class UnscentedFastSLAM(LookingFilter):
     tests/estimators/test_fuzz.py -k unscented-fastslam`).
 
     Args:
-        particles, resample_threshold, association, match_gate, new_gate, remove_below, map_storage: see `SLAMTO`.
-            `gate` must be infinite: labelled returns are not gated.
+        particles, resample_threshold, islands, association, match_gate, new_gate, remove_below, map_storage: see
+            `SLAMTO`. `gate` must be infinite: labelled returns are not gated.
     """
 
     name: ClassVar[str] = "unscented-fastslam"

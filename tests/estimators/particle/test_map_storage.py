@@ -132,6 +132,22 @@ def test_filters_are_the_same_bit_for_bit(name):
     assert tree.map_bytes()[0] < 0.7 * dense.map_bytes()[0]
 
 
+def test_islands_are_the_same_bit_for_bit():
+    filters = [
+        make_estimator(
+            "slamto", MOTION, SENSOR, None, map_storage=kind, max_landmarks=60, particles=24, islands=4,
+            resample_threshold=0.9,
+        )
+        for kind in ("lazy", "tree", "dense")
+    ]  # fmt: skip
+    for _ in drive(filters, 60, 80):
+        pass
+    assert filters[0].counts["resampled"][0] > 50
+    for field in ("pose", "pose_cov", "landmark_mean", "landmark_cov", "landmark_rel_cov"):
+        for other in filters[:2]:
+            np.testing.assert_array_equal(getattr(other.belief, field), getattr(filters[2].belief, field))
+
+
 def test_a_tree_survives_its_state():
     """States and pickles hold the whole tree; a reset empties it."""
     first, second = (

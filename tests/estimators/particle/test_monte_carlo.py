@@ -1,4 +1,4 @@
-"""Experiment 1 of Wu and Sun 2013, simulated plainly in NumPy for many runs at once, for all filters the same."""
+"""The world of Wu and Sun 2013 in NumPy, many runs at once, for all filters the same: their experiment 1, and a gap."""
 
 import numpy as np
 import pytest
@@ -37,12 +37,13 @@ def follow(robot, target):
     return np.column_stack([np.clip(speed, 0.0, 4.0), np.clip(4.0 * bearing, -2.0, 2.0)])
 
 
-def sweep(robot, target, landmarks, rng):
+def sweep(robot, target, landmarks, rng, *, hidden=False):
     points = np.concatenate([landmarks, target[:, None, :2]], axis=1)
     away = points - robot[:, None, :2]
     r = np.hypot(away[..., 0], away[..., 1])
     b = wrap(np.arctan2(away[..., 1], away[..., 0]) - robot[:, 2:])
     seen = (r < 7.0) & (abs(b) < np.pi / 2)
+    seen[:, -1] &= not hidden
     order = np.argsort(~seen, axis=1, kind="stable")
     scan = Scan.empty(*r.shape)
     scan.count[:] = seen.sum(axis=1)
@@ -138,3 +139,74 @@ def test_the_improved_proposal_does_what_fastslam2_does_at_equal_particles(exper
         abs(inside(experiment["rbpf-50"][2], 0.2158, 9.348) - inside(experiment["fastslam2-50"][2], 0.2158, 9.348))
         < 0.03
     )
+
+
+GAP = {
+    "ekf": ("ekf", {}),
+    "slamto": ("slamto", {}),
+    "slamto-8-islands": ("slamto", {"islands": 8}),
+    "slamto-islands": ("slamto", {"islands": 20}),
+    "fastslam2": ("fastslam2", {}),
+    "fastslam2-islands": ("fastslam2", {"islands": 20}),
+}
+SEEN, HIDDEN, SEEN_AGAIN = 20, 80, 12  # sweeps
+
+
+@pytest.fixture(scope="module")
+def after_a_gap():
+    """By filter, over the sweeps after the gap: NEES of pose and target, and of the target in the robot's frame."""
+    runs, rng = 200, np.random.default_rng(1)
+    landmarks = rng.uniform(0.0, 10.0, (runs, LANDMARKS, 2))
+    angle = rng.uniform(-np.pi, np.pi, runs)
+    target, robot = on_the_circle(angle), on_the_circle(angle - 4.0 / 3.0)
+    filters, results = {}, {name: [] for name in GAP}
+    for name, (estimator, options) in GAP.items():
+        filters[name] = make(
+            estimator, MOTION, SENSOR, TARGET_MODEL, num_lanes=runs, max_landmarks=LANDMARKS, **options
+        )
+        filters[name].reset(robot, np.zeros((3, 3)), seeds=np.arange(runs), target=target, target_cov=np.zeros((3, 3)))
+    for step in range(1, EVERY * (SEEN + HIDDEN + SEEN_AGAIN) + 1):
+        control = follow(robot, target)
+        robot = move(robot, *(control + [0.4, 0.0872] * rng.standard_normal((runs, 2))).T)
+        target = move(target, *([3.0, 1.0] + [0.8, 0.6] * rng.standard_normal((runs, 2))).T)
+        number = step // EVERY
+        scan = None
+        if step % EVERY == 0:
+            scan = sweep(robot, target, landmarks, rng, hidden=SEEN < number <= SEEN + HIDDEN)
+        for name, f in filters.items():
+            f.predict(control, DT)
+            if scan is not None:
+                f.update(scan)
+            if scan is not None and number > SEEN + HIDDEN:
+                e, d = f.belief.pose - robot, f.belief.target_position - target[:, :2]
+                e[:, 2] = wrap(e[:, 2])
+                c, s, away = np.cos(robot[:, 2]), np.sin(robot[:, 2]), target[:, :2] - robot[:, :2]
+                away = np.stack([c * away[:, 0] + s * away[:, 1], c * away[:, 1] - s * away[:, 0]], -1)
+                results[name].append([
+                    nees(e, f.belief.pose_cov), nees(d, f.belief.target_position_cov),
+                    nees(f.belief.target_rel - away, f.belief.target_rel_cov),
+                ])  # fmt: skip
+    found = {name: np.moveaxis(np.array(rows), 1, 0) for name, rows in results.items()}
+    print({name: np.round(values.mean(axis=(1, 2)), 2).tolist() for name, values in found.items()})
+    return found
+
+
+@pytest.mark.parametrize("name", list(GAP))
+def test_a_target_out_of_sight_for_80_sweeps_is_found_as_the_filter_expects_it_from_the_robot(after_a_gap, name):
+    """NEES of two dimensions; the target's own filter is honest in every particle."""
+    relative = after_a_gap[name][2]
+    assert 1.5 < relative.mean() < 2.5
+
+
+@pytest.mark.parametrize("name", ["ekf", "slamto-islands", "fastslam2-islands"])
+def test_and_in_the_world_where_the_pose_is_known_as_well_as_the_filter_says(after_a_gap, name):
+    pose, target, _ = after_a_gap[name]
+    assert 1.5 < target.mean() <= 2.5
+    assert pose.mean() < 4.0
+
+
+def test_one_cloud_that_resamples_as_a_whole_has_lost_its_pose_by_then(after_a_gap):
+    """What the islands mend: in 100 sweeps the particles have come to share one past."""
+    pose, target, _ = after_a_gap["slamto"]
+    assert np.median(pose) > 15.0
+    assert target.mean() > 5.0
