@@ -55,7 +55,7 @@ class Scan:
 
 
 class BoundCalls(NamedTuple):
-    """An estimator's kernels for arrays that stay (see `estimators.kernels.bound`); the first two take the lanes."""
+    """An estimator's kernels for arrays that stay (see `estimators.kernels.bound`); each takes the lanes."""
 
     predict: "Bound"
     update: "Bound"
@@ -173,9 +173,10 @@ class Belief:
         """Called by the estimator whenever its state has changed."""
         self._core_stale = self._map_stale = True
 
-    def mark_fresh(self) -> None:
-        """Called by those who have filled `buffers` through `BoundCalls.fill`."""
-        self._core_stale = self._map_stale = False
+    @property
+    def is_stale(self) -> bool:
+        """Whether the estimator has changed since `buffers` were filled, as far as it has said so."""
+        return self._core_stale or self._map_stale
 
     def refresh(self) -> None:
         """Bring `buffers` up to date, for those who read them there."""
@@ -323,7 +324,8 @@ class Estimator(ABC):
     def bound_calls(self, control: Floats, dt: Floats, scan: Scan) -> BoundCalls | None:
         """The kernels that do what `predict` and `update` do with these very arrays; None: call the methods.
 
-        They leave the belief stale without saying so: `Belief.mark_stale`. control: [L, 2]; dt: [L].
+        control: [L, 2]; dt: [L]. The first two leave the belief stale without saying so: call the third, or
+        `Belief.mark_stale`.
         """
         return None
 

@@ -66,6 +66,11 @@ class Meter:
         self._codes = np.array(codes if -1 not in codes else [], dtype=np.int64)
         self._work = np.zeros((len(codes) + 1, max(len(codes), 1)))
 
+    @property
+    def scratch(self) -> tuple[Floats, Floats]:
+        """Arrays that `bound` writes and nobody reads: threads need their own."""
+        return self._truth, self._work
+
     def measure(
         self,
         belief: Belief,

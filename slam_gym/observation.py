@@ -33,7 +33,7 @@ from gymnasium import spaces
 from numpy.typing import NDArray
 
 from estimators.interface import Belief
-from estimators.kernels.bound import Bound, bind
+from estimators.kernels.bound import LATER, Bound, bind
 from estimators.kernels.jit import inline, jit
 from slam_gym.scenario import Scenario
 from slam_gym.scenario_fields import low_high, middle
@@ -182,12 +182,16 @@ def _landmarks(out, lane, at, K, mapped, rel, cov, nearest, unit):
 
 @jit
 def _observe(
-    pose, pose_cov, known, rel, rel_cov, rel_velocity, mapped, landmark_rel, landmark_rel_cov, x, k, border, settings,
-    points, nearest, sectors, out,
+    lanes, pose, pose_cov, known, rel, rel_cov, rel_velocity, mapped, landmark_rel, landmark_rel_cov, x, k, border,
+    settings, points, nearest, sectors, out,
 ):  # fmt: skip
-    """Every lane's row. x, k: the world's blocks, of which only what the robot is told is read; out [L, n] float32."""
+    """The rows of the lanes [n]. x, k: the world's blocks, of which only what the robot is told is read.
+
+    out: [L, size] float32.
+    """
     has_target = settings[_HAS_TARGET] > 0.0
-    for lane in range(out.shape[0]):
+    for i in range(lanes.shape[0]):
+        lane = lanes[i]
         since, step = x[k[SINCE_SEEN] + lane], k[k[STEP] + lane]
         seen = has_target and known[lane] and seen_now(since, step, settings[_SWEEP], settings[_DT])
         _target(out, lane, 0, known[lane], seen, since if has_target else 0.0, rel, rel_cov, rel_velocity, settings)
@@ -229,6 +233,7 @@ class Observer:
         low, high: [n] float32, bounds.
         border: [L, 2] half the arena's width and height [m], as known to the policy.
         out: [L, n] float32, the last observation.
+        scratch: arrays that `bound` writes and nobody reads.
 
     Raises:
         ValueError: numbers that are not whole or out of reach.
@@ -255,7 +260,9 @@ class Observer:
             scenario.dt * scenario.sensor_period, scenario.dt, scenario.has_target,
         ])  # fmt: skip
         self._points, self._nearest = equally_probable_points(), np.zeros((2, K))
+        self.scratch = (self._nearest,)
         self.out: NDArray[np.float32] = np.zeros((num_lanes, self.size), dtype=np.float32)
+        self._all = np.arange(num_lanes)
         self._belief: Belief | None = None  # with the world, what `_fill` is bound to
         self._world: World | None = None
         self._fill: Callable[..., None] = _observe
@@ -282,14 +289,14 @@ class Observer:
         belief.refresh()
         if belief is not self._belief or world is not self._world:
             self._belief, self._world, self._fill = belief, world, self.bound(belief, world)
-        self._fill()
+        self._fill(self._all)
         return self.out.copy()
 
     def bound(self, belief: Belief, world: World) -> Bound:
-        """The kernel that fills `out` from a fresh belief."""
+        """The kernel that fills the rows of `out` that it is given, from a fresh belief."""
         return bind(
-            _observe, *_BELIEF(belief.buffers), world.floats, world.integers, self.border, self.settings, self._points,
-            self._nearest, self.sectors, self.out,
+            _observe, LATER, *_BELIEF(belief.buffers), world.floats, world.integers, self.border, self.settings,
+            self._points, self._nearest, self.sectors, self.out,
         )  # fmt: skip
 
     def split(self, flat: NDArray[np.float32]) -> dict[str, NDArray[np.float32]]:

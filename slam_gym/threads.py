@@ -1,4 +1,4 @@
-"""Lanes shared out among threads: each takes a run of them, and the same call with scratch of its own."""
+"""Lanes shared out among threads: each takes a run of them, and the same calls with scratch of its own."""
 
 import os
 from collections.abc import Callable, Iterable, Sequence
@@ -12,6 +12,7 @@ from estimators.kernels.bound import Bound
 
 Ints = NDArray[np.int64]
 WORTH_IT = 32  # lanes, below which handing over costs more than it saves
+BLOCK = 64  # lanes that go through all calls together: a megabyte of covariances, that a second cache holds
 
 
 class Crew:
@@ -42,23 +43,36 @@ class Crew:
 
 
 class Shared:
-    """A bound kernel that takes lanes, run by a crew.
+    """Bound kernels that take lanes, one after the other for some lanes at a time, by a crew where there is one.
 
     Args:
-        call: takes lanes [n] and touches theirs alone, but for the scratch.
-        scratch: arrays that it writes and nobody reads.
-        num_lanes: L. crew: who runs it.
+        calls: each takes lanes [n] and touches theirs alone, but for the scratch. A lane's next call follows while
+            what the last one left is still near the processor.
+        scratch: arrays that they write and nobody reads.
+        num_lanes: L. crew: who runs them.
     """
 
-    def __init__(self, call: Bound, scratch: Iterable[Any], num_lanes: int, crew: Crew) -> None:
+    def __init__(self, calls: Sequence[Bound], scratch: Iterable[Any], num_lanes: int, crew: Crew) -> None:
         self._crew, self._num_lanes = crew, num_lanes
         scratch = tuple(scratch)
-        self._calls = [call, *(call.apart(scratch) for _ in range(crew.count - 1))]
-        self._all = np.array_split(np.arange(num_lanes), crew.count)
+        self._calls = [tuple(calls), *(tuple(call.apart(scratch) for call in calls) for _ in range(crew.count - 1))]
+        self._all = [_blocks(part) for part in np.array_split(np.arange(num_lanes), crew.count)]
 
     def __call__(self, lanes: Ints) -> bool:
-        """Whether all parts returned True."""
-        if len(lanes) < WORTH_IT:
-            return bool(self._calls[0](lanes))
-        parts = self._all if len(lanes) == self._num_lanes else np.array_split(lanes, self._crew.count)
-        return all(self._crew.run(list(zip(self._calls, parts, strict=True))))
+        """Whether all calls returned True; in a block of lanes, one that did not was the last."""
+        if len(lanes) < WORTH_IT or self._crew.count == 1:
+            whole = len(lanes) == self._num_lanes and self._crew.count == 1
+            return _run_blocks((self._calls[0], self._all[0] if whole else _blocks(lanes)))
+        parts = self._all
+        if len(lanes) < self._num_lanes:
+            parts = [_blocks(part) for part in np.array_split(lanes, self._crew.count)]
+        return all(self._crew.run([(_run_blocks, job) for job in zip(self._calls, parts, strict=True)]))
+
+
+def _blocks(lanes: Ints) -> list[Ints]:
+    return [lanes[i : i + BLOCK] for i in range(0, len(lanes), BLOCK)]
+
+
+def _run_blocks(job: tuple[tuple[Bound, ...], list[Ints]]) -> bool:
+    calls, blocks = job
+    return all([all(call(block) for call in calls) for block in blocks])

@@ -60,14 +60,15 @@ def _derive_velocity(mu, P, lane, model, velocity, velocity_cov, heading, headin
 @subroutine
 def fill_core(
     mu, P, models, known, pose, pose_cov, target_known, mean, cov, position, position_cov, velocity, velocity_cov,
-    heading, heading_var, rel, rel_cov, rel_velocity,
+    heading, heading_var, rel, rel_cov, rel_velocity, lanes,
 ):  # fmt: skip
-    """Robot and target of every lane; see `Belief` for the buffers."""
+    """Robot and target of the named lanes; see `Belief` for the buffers."""
     n_t = mean.shape[1]
     mu, P, velocity, velocity_cov = borrow(mu), borrow(P), borrow(velocity), borrow(velocity_cov)
     position_cov, rel_cov = borrow(position_cov), borrow(rel_cov)
     heading, heading_var = borrow(heading), borrow(heading_var)
-    for lane in range(pose.shape[0]):
+    for index in range(lanes.size):
+        lane = lanes[index]
         for i in range(ROBOT):
             pose[lane, i] = mu[lane, i]
             for j in range(ROBOT):
@@ -97,14 +98,17 @@ def fill_core(
 
 
 @subroutine
-def fill_map(mu, P, n_t, count, ids, landmark_count, landmark_id, landmark_mapped, mean, cov, rel, rel_cov):
-    """Landmarks of every lane; empty slots are zero with id -1."""
-    mu, P = borrow(mu), borrow(P)
-    for lane in range(count.size):
+def fill_map(mu, P, n_t, count, ids, landmark_count, landmark_id, landmark_mapped, mean, cov, rel, rel_cov, lanes):
+    """Landmarks of the named lanes; empty slots are zero with id -1, and are left alone where they were empty."""
+    mu, P, mean, cov, rel, rel_cov = borrow(mu), borrow(P), borrow(mean), borrow(cov), borrow(rel), borrow(rel_cov)
+    for index in range(lanes.size):
+        lane = lanes[index]
         landmark_count[lane] = count[lane]
         c, s = math.cos(mu[lane, 2]), math.sin(mu[lane, 2])
         for slot in range(ids.shape[1]):
             used = slot < count[lane]
+            if not (used or landmark_mapped[lane, slot]):
+                continue
             landmark_mapped[lane, slot] = used
             landmark_id[lane, slot] = ids[lane, slot] if used else -1
             j = ROBOT + n_t + 2 * slot

@@ -172,12 +172,13 @@ class CompressedEKF(EKF):
             np.zeros(STRIP), aligned_zeros(z, self.n_max),
         )  # fmt: skip
         core, marks = ([self.belief.buffers[name] for name in names] for names in (Belief._CORE, Belief._MAP))
-        self._core = bind(fill_core, self.a_mu, self.a_P, self.models, self.target_known, *core)
+        self._core = bind(fill_core, self.a_mu, self.a_P, self.models, self.target_known, *core, LATER)
         rows, _, weights, block, line, _ = self._waking
+        # Scratch of `fill_map`, beside that of `awaken`.
+        self._telling = np.zeros((SUMS, STRIP)), np.zeros((1, ROBOT + 2)), np.zeros((1, ROBOT + 2, ROBOT + 2))
         self._map = bind(
             fill_map, self.mu, self.P, self.a_mu, self.a_P, self.n_t, self.count, self.ids, self.a_count, self.a_ids,
-            self.whole, self.live, rows, weights, block, line, np.zeros((SUMS, STRIP)), np.zeros((1, ROBOT + 2)),
-            np.zeros((1, ROBOT + 2, ROBOT + 2)), *marks,
+            self.whole, self.live, rows, weights, block, line, *self._telling, *marks, LATER,
         )  # fmt: skip
 
     def _after_reset(self, lanes: Ints) -> None:
@@ -189,7 +190,7 @@ class CompressedEKF(EKF):
         return self.a_mu, ROBOT, AT_MEAN
 
     def _scratch(self) -> tuple[Any, ...]:
-        return (*super()._scratch(), *self._waking)
+        return (*super()._scratch(), *self._waking, *self._telling)
 
     def _prediction(self, control: Floats, dt: Floats) -> Call:
         return (

@@ -112,9 +112,10 @@ def _spread(P, lane, j):
 
 
 @subroutine
-def hide_doubtful(first, count, landmark_count, landmark_id, landmark_mapped, mean, cov, rel, rel_cov):
+def hide_doubtful(first, count, landmark_count, landmark_id, landmark_mapped, mean, cov, rel, rel_cov, lanes):
     """Take landmarks that are not likely to exist out of a filled belief; their slots look empty."""
-    for lane in range(count.size):
+    for index in range(lanes.size):
+        lane = lanes[index]
         for slot in range(count[lane]):
             if first[lane, slot, EXISTENCE] > SHOWN:
                 continue

@@ -123,10 +123,10 @@ class GaussianEstimator(Estimator):
         self._dt: Floats = np.zeros(L)
         self._control_shape = (L, 2)
         core, marks = ([self.belief.buffers[name] for name in names] for names in (Belief._CORE, Belief._MAP))
-        self._core = bind(fill_core, self.mu, self.P, self.models, self.target_known, *core)
-        self._map = bind(fill_map, self.mu, self.P, before_map, self.count, self.ids, *marks)
+        self._core = bind(fill_core, self.mu, self.P, self.models, self.target_known, *core, LATER)
+        self._map = bind(fill_map, self.mu, self.P, before_map, self.count, self.ids, *marks, LATER)
         if self.remove_below > 0.0:
-            self._map = chain(self._map, bind(hide_doubtful, self.first, self.count, *marks))
+            self._map = chain(self._map, bind(hide_doubtful, self.first, self.count, *marks, LATER))
 
     def _make_budget(self, budget: int | None) -> Any:
         if budget is None:
@@ -299,11 +299,11 @@ class GaussianEstimator(Estimator):
 
     def _fill_core(self, buffers: dict[str, Any]) -> None:
         self._refresh()
-        self._core()
+        self._core(self.all_lanes)
 
     def _fill_map(self, buffers: dict[str, Any]) -> None:
         self._refresh()
-        self._map()
+        self._map(self.all_lanes)
 
     @property
     def counts(self) -> dict[str, Ints]:

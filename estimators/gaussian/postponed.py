@@ -257,7 +257,7 @@ def awaken(
 @jit
 def fill_map(
     mu, P, a_mu, a_P, n_t, count, ids, a_count, a_ids, whole, live, rows, weights, block, line, sums, point_mu, point_P,
-    landmark_count, landmark_id, landmark_mapped, mean, cov, rel, rel_cov,
+    landmark_count, landmark_id, landmark_mapped, mean, cov, rel, rel_cov, lanes,
 ):  # fmt: skip
     """As `belief.fill_map`; what is asleep is worked out from z, and left as it is: O(a^2) for each landmark.
 
@@ -266,7 +266,8 @@ def fill_map(
     mu, P, a_mu, a_P = borrow(mu), borrow(P), borrow(a_mu), borrow(a_P)
     point_mu, point_P = borrow(point_mu), borrow(point_P)
     rows, weights, block, line, sums = borrow(rows), borrow(weights), borrow(block), borrow(line), borrow(sums)
-    for lane in range(count.size):
+    for index in range(lanes.size):
+        lane = lanes[index]
         landmark_count[lane] = count[lane]
         c, s = math.cos(a_mu[lane, 2]), math.sin(a_mu[lane, 2])
         z = past_rows(lane, n_t, a_count, a_ids, whole, rows)

@@ -92,9 +92,10 @@ def compose(frame_mu, frame_P, moved, half, at, coef, lane, n_t, count, known, p
 
 
 @jit
-def leave_frame(frame_mu, frame_P, mu, P, half, at, coef, n_t, count, target_known, pending):
-    """`mu` and `P` of all lanes: everything seen from the world's origin and axes."""
-    for lane in range(count.size):
+def leave_frame(frame_mu, frame_P, mu, P, half, at, coef, n_t, count, target_known, pending, lanes):
+    """`mu` and `P` of the named lanes: everything seen from the world's origin and axes."""
+    for i in range(lanes.size):
+        lane = lanes[i]
         body, n_in = ROBOT + n_t, rows_in_use(n_t + BODY, count[lane])
         n = mu.shape[1]
         see_point(frame_mu, mu, lane, at, coef, 0, 0, body)
@@ -223,7 +224,7 @@ class RobocentricEKF(GaussianEstimator):
         self.coef: Floats = np.zeros((n_f, 5))
         self._world = bind(
             leave_frame, self.frame_mu, self.frame_P, self.mu, self.P, self.half, self.at, self.coef, self.n_t,
-            self.count, self.target_known, self.pending,
+            self.count, self.target_known, self.pending, LATER,
         )  # fmt: skip
 
     def _after_reset(self, lanes: Ints) -> None:
@@ -282,14 +283,14 @@ class RobocentricEKF(GaussianEstimator):
         )  # fmt: skip
 
     def _fill_core(self, buffers: dict[str, Any]) -> None:
-        self._world()
+        self._world(self.all_lanes)
         super()._fill_core(buffers)
 
     def _fill_map(self, buffers: dict[str, Any]) -> None:
-        self._world()
+        self._world(self.all_lanes)
         super()._fill_map(buffers)
 
     def joint(self, lane: int) -> tuple[Floats, Floats]:
         """See `Belief.joint`."""
-        self._world()
+        self._world(self.all_lanes)
         return super().joint(lane)

@@ -109,37 +109,61 @@ class Lanes:
             ValueError: an action that is no finite number.
         """
         chosen = self._all if lanes is None else lanes
+        if self._whole is not None:
+            if not self._whole(chosen):
+                raise self._not_finite()
+            return
         if not self._advance(chosen):
-            raise ValueError(f"actions must be finite numbers in [-1, 1]; got {self.action.tolist()}")
+            raise self._not_finite()
         for _ in range(1, self.hold):
             going = chosen[self.simulation.world.step_count[chosen] < self.max_steps]
             if len(going):
                 self._advance(going)
         self._look(chosen)
 
+    def _not_finite(self) -> ValueError:
+        return ValueError(f"actions must be finite numbers in [-1, 1]; got {self.action.tolist()}")
+
     def _bind(self) -> None:
-        """One compiled call for all that happens between action and belief, and one from belief to observation."""
-        simulation = self.simulation
-        world, bound = simulation.world, simulation.bound_calls()
-        self._belief = simulation.estimators[0].belief
+        """Compiled calls for all that happens between action and belief, and between belief and observation.
+
+        `_whole`: both, where one action is one simulation step with its sweep. `_move` and `_take`: where the sweep may
+        have to wait. None of them: where the estimator has no kernels to be called, or somebody has to look on.
+        """
+        simulation, bound = self.simulation, self.simulation.bound_calls()
+        world, self._belief = simulation.world, simulation.estimators[0].belief
         self._command_of = self.action_map.bound(self.action, self._command)
+        watch = chain(self.observer.bound(self._belief, world), self.scorer.bound)
+        scratch = self.observer.scratch + self.scorer.scratch
+        self._whole: Callable[[Ints], bool] | None = None
         self._move: Callable[[Ints], bool] | None = None
         self._take: Callable[[Ints], bool] | None = None
-        self._is_shared = world.threads > 1
         if bound is not None and simulation.is_plain and not simulation.clouds:
+            watch, scratch = chain(bound.fill, watch), scratch + bound.scratch
             ahead = chain(world.bound_step(self._command), bound.predict)
-            if not self._is_shared:  # several threads wait until all actions are known to be finite
+            if self.num_lanes == 1:  # many lanes wait until all actions are known to be finite
                 ahead = chain(self._command_of, ahead)
-            always = self.scenario.sensor_period == 1
-            self._move = self._share(chain(ahead, bound.update) if always else ahead, bound.scratch)
-            self._take = None if always else self._share(bound.update, bound.scratch)
-        watch = chain(self.observer.bound(self._belief, world), self.scorer.bound)
-        self._fills = bound is not None
-        self._watch = watch if bound is None else chain(bound.fill, watch)
+            if self.scenario.sensor_period > 1:
+                self._move, self._take = self._share(scratch, ahead), self._share(scratch, bound.update)
+            elif self.hold > 1:
+                self._move = self._share(scratch, chain(ahead, bound.update))
+            else:
+                self._whole = self._finite_first(self._share(scratch, chain(ahead, bound.update), watch))
+        self._watch = self._share(scratch, watch)
 
-    def _share(self, call: Bound, scratch: tuple[Any, ...]) -> Callable[[Ints], bool]:
-        world = self.simulation.world
-        return Shared(call, scratch, self.num_lanes, world.crew) if self._is_shared else call
+    def _share(self, scratch: tuple[Any, ...], *calls: Bound) -> Callable[[Ints], bool]:
+        """One call of several, for some lanes at a time and by all threads."""
+        if self.num_lanes > 1:
+            return Shared(calls, scratch, self.num_lanes, self.simulation.world.crew)
+        if len(calls) == 1:
+            return calls[0]
+        first, second = calls
+        return lambda lanes: first(lanes) and second(lanes)
+
+    def _finite_first(self, call: Callable[[Ints], bool]) -> Callable[[Ints], bool]:
+        """The call, after all actions are known to be finite; a single lane's call sees to it itself."""
+        command_of = self._command_of
+        return call if self.num_lanes == 1 else lambda lanes: command_of() and call(lanes)
 
     def _advance(self, lanes: Ints) -> bool:
         """One simulation step of the lanes; False, and nothing has moved, where an action is no finite number."""
@@ -148,7 +172,7 @@ class Lanes:
             if finite:
                 self.simulation.advance(self._command, None if len(lanes) == self.num_lanes else lanes)
             return finite
-        finite = (not self._is_shared or self._command_of()) and self._move(lanes)
+        finite = self._finite_first(self._move)(lanes)
         if finite and self._take is not None:
             due = self.simulation.due(lanes)
             if due is not None:
@@ -156,12 +180,10 @@ class Lanes:
         return finite
 
     def _look(self, lanes: Ints) -> None:
-        """Observe all lanes, measure and score those named."""
-        if self._fills:
-            self._belief.mark_fresh()
-        else:
+        """Observe, measure and score the lanes named; kernels that were called above have told nobody of a change."""
+        if self._belief.is_stale:
             self._belief.refresh()
-        self.scorer.complete = self._watch(lanes)
+        self._watch(lanes)
         if isinstance(self.observer, CloudObserver):
             self.observer.fill_cloud(self._belief)
 

@@ -32,7 +32,7 @@ NUMBERS = (
 )  # fmt: skip
 """Info's numbers, in the order of `Scorer.values`; undefined ones (NaN) are left out of info."""
 FLAGS = ("target_seen", "target_visible", "target_lost", "in_collision", "outside", "captured", "is_success")
-_NUMBERS_AND_FLAGS = (*NUMBERS, *FLAGS)
+_INFO = dict.fromkeys((*NUMBERS, *FLAGS))
 
 _ROBOT_ERROR, _TARGET_ERROR, _TARGET_ERROR_REL, _LANDMARK_COUNT = (
     (METRIC.names or ()).index(name) for name in ("robot_error", "target_error", "target_error_rel", "landmark_count")
@@ -66,15 +66,15 @@ class Ending:
 
 
 @subroutine
-def _score(lanes, metrics, x, k, b, action, before, border, settings, weights, values, flags, paid, ended):
-    """Fill the rows of the lanes [n]; says whether every number of them is defined.
+def _score(lanes, metrics, x, k, b, action, before, border, settings, weights, values, defined, flags, paid, ended):
+    """Fill the rows of the lanes [n].
 
     metrics [L, 13]; x, k, b: the world's blocks; action [L, 2]; before [L, 3]: landmarks mapped and collisions at the
     last call, and whether the lane has just begun an episode, so that its reward's terms are undefined;
-    values [L, NUMBERS], flags [L, FLAGS], paid [L], ended [2, L] (terminated, truncated): output.
+    values [NUMBERS, L], whether they are `defined` [NUMBERS, L], flags [FLAGS, L], paid [L], ended [2, L] (terminated,
+    truncated): output.
     """
     has_target = settings[_HAS_TARGET] > 0.0
-    complete = True
     for n in range(lanes.shape[0]):
         lane = lanes[n]
         at, body = k[POSE] + 3 * lane, k[TARGET_STATE] + 4 * lane
@@ -88,7 +88,7 @@ def _score(lanes, metrics, x, k, b, action, before, border, settings, weights, v
         started = before[lane, 2] > 0.0
         before[lane, 0], before[lane, 1], before[lane, 2] = max(mapped, 0.0), collisions, 0.0
         for i in range(NUM_METRICS):
-            values[lane, i] = metrics[lane, _COLUMNS[i]]
+            values[i, lane] = metrics[lane, _COLUMNS[i]]
         term = reward.terms(
             metrics[lane, _ROBOT_ERROR], metrics[lane, _TARGET_ERROR], metrics[lane, _TARGET_ERROR_REL], has_target,
             seen, distance, found, collided, action[lane, 0], action[lane, 1],
@@ -96,23 +96,21 @@ def _score(lanes, metrics, x, k, b, action, before, border, settings, weights, v
         total = 0.0
         for i in range(weights.shape[0]):
             total += weights[i] * term[i]
-            values[lane, _TERMS + i] = math.nan if started else term[i]
+            values[_TERMS + i, lane] = math.nan if started else term[i]
         paid[lane] = 0.0 if started else total
-        values[lane, _DISTANCE] = distance
-        values[lane, _DISTANCE + 1] = since if has_target else math.nan
-        values[lane, _DISTANCE + 2] = collisions
+        values[_DISTANCE, lane] = distance
+        values[_DISTANCE + 1, lane] = since if has_target else math.nan
+        values[_DISTANCE + 2, lane] = collisions
         outside = not (abs(x[at]) <= border[lane, 0] and abs(x[at + 1]) <= border[lane, 1])
         captured = has_target and distance < settings[_CAPTURE]
         error = metrics[lane, _TARGET_ERROR] if has_target else metrics[lane, _ROBOT_ERROR]
-        flags[lane, 0], flags[lane, 1], flags[lane, 2] = seen, b[k[VISIBLE] + lane], lost
-        flags[lane, 3], flags[lane, 4], flags[lane, 5] = b[k[TOUCHING] + lane], outside, captured
-        flags[lane, 6] = captured or (error < settings[_SUCCESS] and not lost)
+        flags[0, lane], flags[1, lane], flags[2, lane] = seen, b[k[VISIBLE] + lane], lost
+        flags[3, lane], flags[4, lane], flags[5, lane] = b[k[TOUCHING] + lane], outside, captured
+        flags[6, lane] = captured or (error < settings[_SUCCESS] and not lost)
         ended[0, lane] = captured or (outside and settings[_OUTSIDE] > 0.0)
         ended[1, lane] = steps >= settings[_MAX_STEPS]
-        for i in range(values.shape[1]):
-            if math.isnan(values[lane, i]):
-                complete = False
-    return complete
+        for i in range(values.shape[0]):
+            defined[i, lane] = values[i, lane] == values[i, lane]
 
 
 class Scorer:
@@ -126,10 +124,11 @@ class Scorer:
         action: [L, 2] where the actions taken stand.
 
     Attributes:
-        values: [L, NUMBERS], NaN where undefined. flags: [L, FLAGS]. complete: whether the last call left no NaN.
+        values: [NUMBERS, L], NaN where undefined; defined: [NUMBERS, L]. flags: [FLAGS, L].
         reward: [L]. terminated, truncated: [L].
         before: [L, 3] landmarks in the map and collisions at the last call; 1 where an episode has just begun.
-        bound: measures and scores the lanes that it is given, from a fresh belief; says whether nothing is NaN.
+        bound: measures and scores the lanes that it is given, from a fresh belief.
+        scratch: arrays that it writes and nobody reads.
     """
 
     def __init__(
@@ -143,13 +142,13 @@ class Scorer:
     ) -> None:
         L = simulation.num_lanes
         self.simulation, self.weights, self.border = simulation, weights, border
-        self.values: Floats = np.full((L, len(NUMBERS)), np.nan)
-        self.flags: Bools = np.zeros((L, len(FLAGS)), dtype=np.bool_)
+        self.values: Floats = np.full((len(NUMBERS), L), np.nan)
+        self.defined: Bools = np.zeros((len(NUMBERS), L), dtype=np.bool_)
+        self.flags: Bools = np.zeros((len(FLAGS), L), dtype=np.bool_)
         self.reward: Floats = np.zeros(L)
         self.ended: Bools = np.zeros((2, L), dtype=np.bool_)
         self.terminated, self.truncated = self.ended
         self.before: Floats = np.zeros((L, 3))
-        self.complete = False
         capture = -1.0 if ending.terminate_on_capture is None else ending.terminate_on_capture
         self.settings: Floats = np.array([
             scenario.has_target, scenario.dt * scenario.sensor_period, scenario.dt, scenario.max_steps, capture,
@@ -164,9 +163,11 @@ class Scorer:
         measure = meter.bound(belief, world.pose, target, landmarks, count, world.target_heading)
         score = bind(
             _score, LATER, meter.record.view(np.float64).reshape(L, -1), world.floats, world.integers, world.flags,
-            action, self.before, border, self.settings, weights, self.values, self.flags, self.reward, self.ended,
+            action, self.before, border, self.settings, weights, self.values, self.defined, self.flags, self.reward,
+            self.ended,
         )  # fmt: skip
         self.bound: Bound = chain(measure, score)
+        self.scratch = meter.scratch
 
     def begin(self, lanes: Ints) -> None:
         """The lanes [n] begin an episode: what is scored next has no reward."""
@@ -180,14 +181,17 @@ class Scorer:
         """Restore what `get_state` returned."""
         for name, array in state.items():
             getattr(self, name)[...] = array
-        self.complete = not np.isnan(self.values).any()
+        self.defined[...] = ~np.isnan(self.values)
 
     def info(self, lane: int) -> dict[str, Any]:
         """One lane's numbers and flags, without those undefined."""
-        told = [*self.values[lane].tolist(), *self.flags[lane].tolist()]
-        info: dict[str, Any] = dict(zip(_NUMBERS_AND_FLAGS, told, strict=True))
-        if not self.complete:
-            info = {name: value for name, value in info.items() if value == value}
+        numbers = zip(NUMBERS, self.values[:, lane].tolist(), strict=True)
+        if self.defined[:, lane].all():
+            info: dict[str, Any] = _INFO.copy()  # its table is large enough: half the time of one that grows
+            info.update(numbers)
+        else:
+            info = {name: value for name, value in numbers if value == value}
+        info.update(zip(FLAGS, self.flags[:, lane].tolist(), strict=True))
         info["robot_pose"] = self._pose[lane].copy()
         if self._target is not None:
             info["target_state"] = self._target[lane].copy()

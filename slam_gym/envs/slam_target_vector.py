@@ -123,6 +123,10 @@ class SlamTargetVectorEnv(VectorEnv[Any, Any, Any]):
         self._ended: Bools = np.zeros(self.num_envs, dtype=np.bool_)
         self._seeded: Bools = np.zeros(self.num_envs, dtype=np.bool_)
         self._renderers: list[Any] = []
+        poses = ["robot_pose", "target_state"] if self.simulation.world.has_target else ["robot_pose"]
+        always = [*FLAGS, *poses]
+        self._names = [*NUMBERS, *map("_{}".format, NUMBERS), *FLAGS, *map("_{}".format, always), *poses]  # of `_info`
+        self._always = len(always)
 
     @property
     def belief(self) -> Belief:
@@ -227,17 +231,14 @@ class SlamTargetVectorEnv(VectorEnv[Any, Any, Any]):
     def _info(self, where: Bools | None = None) -> dict[str, Any]:
         """Arrays by key with their masks; `where` [L]: the only lanes that are told of."""
         scorer, world = self.lanes.scorer, self.simulation.world
-        told = np.ones(self.num_envs, dtype=np.bool_) if where is None else where
-        values = scorer.values.T.copy()
-        info: dict[str, Any] = dict(zip(NUMBERS, values, strict=True))
-        info.update(zip(_MASKS, ~np.isnan(values) & told, strict=True))
-        info.update(zip(FLAGS, scorer.flags.T.copy(), strict=True))
-        for name in _FLAG_MASKS:
-            info[name] = told.copy()
-        info["robot_pose"], info["_robot_pose"] = world.pose.copy(), told.copy()
+        defined, told = scorer.defined.copy(), np.ones((self._always, self.num_envs), dtype=np.bool_)
+        if where is not None:
+            defined &= where
+            told &= where
+        arrays = [*scorer.values.copy(), *defined, *scorer.flags.copy(), *told, world.pose.copy()]
         if world.has_target:
-            info["target_state"], info["_target_state"] = world.target.copy(), told.copy()
-        return info
+            arrays.append(world.target.copy())
+        return dict(zip(self._names, arrays, strict=True))
 
     def render(self) -> tuple[NDArray[np.uint8], ...] | None:
         """One picture per lane, [height, width, 3] uint8; None without a render mode."""
@@ -278,10 +279,6 @@ class SlamTargetVectorEnv(VectorEnv[Any, Any, Any]):
         self.__init__(**saved["arguments"])  # type: ignore[misc]
         self.spec = saved["spec"]
         self.set_state(saved["state"])
-
-
-_MASKS = tuple(f"_{name}" for name in NUMBERS)
-_FLAG_MASKS = tuple(f"_{name}" for name in FLAGS)
 
 
 def _autoreset_mode(mode: str | AutoresetMode) -> AutoresetMode:

@@ -11,7 +11,7 @@ import pytest
 import slam_gym  # noqa: F401  (registers the environment)
 from estimators import registry
 from estimators._recording import MOTION, SENSOR, TARGET_MODEL, feed, record, start
-from slam_gym.threads import WORTH_IT, Crew, Shared
+from slam_gym.threads import BLOCK, WORTH_IT, Crew, Shared
 
 LANES = 2 * WORTH_IT + 7  # whose shares are uneven among two and among three
 SHORT = {"max_steps": 12, "sensor_period": 2}
@@ -78,13 +78,21 @@ class Recorder:
 
 def test_few_lanes_are_not_handed_over():
     recorder = Recorder()
-    shared = Shared(recorder, (), LANES, Crew(2))
+    shared = Shared([recorder], (), LANES, Crew(2))
     assert shared(np.arange(WORTH_IT - 1))
     assert recorder.used == [(threading.get_ident(), list(range(WORTH_IT - 1)))]
     assert shared(np.arange(LANES))
     (first, some), (second, others) = recorder.used[1:]
     assert first != second
     assert sorted(some + others) == list(range(LANES))
+
+
+def test_a_block_of_lanes_goes_through_all_calls_before_the_next():
+    first, second = Recorder(), Recorder()
+    second.used = first.used
+    lanes = np.arange(BLOCK + 3)
+    assert Shared([first, second], (), len(lanes), Crew(1))(lanes)
+    assert [some for _, some in first.used] == [list(range(BLOCK))] * 2 + [[BLOCK, BLOCK + 1, BLOCK + 2]] * 2
 
 
 def _run_in_child(crew, results):
