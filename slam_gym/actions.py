@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from estimators.kernels.bound import Bound, bind
+from estimators.kernels.bound import LATER, Bound, bind
 from estimators.kernels.jit import jit
 from estimators.registry import unknown_name
 from slam_gym.scenario import Scenario
@@ -16,10 +16,11 @@ KINDS = tuple(COMPONENTS)
 
 
 @jit
-def _to_command(action, wheels, speed_min, speed_max, turn_max, track, command):
-    """Command [L, 2] of action [L, 2], cut to [-1, 1]; False where an action is no finite number."""
+def _to_command(lanes, action, wheels, speed_min, speed_max, turn_max, track, command):
+    """Command [L, 2] of action [L, 2] in the lanes [n], cut to [-1, 1]; False where one is no finite number."""
     finite = True
-    for lane in range(action.shape[0]):
+    for i in range(lanes.shape[0]):
+        lane = lanes[i]
         a, b = action[lane, 0], action[lane, 1]
         if not (abs(a) < np.inf and abs(b) < np.inf):
             finite = False
@@ -70,12 +71,12 @@ class ActionMap:
         self._numbers = (kind == "wheels", self.speed_min, self.speed_max, self.turn_max, self.wheel_track)
 
     def bound(self, action: Floats, command: Floats) -> Bound:
-        """`fill` of ever the same arrays."""
-        return bind(_to_command, action, *self._numbers, command)
+        """`fill` of ever the same arrays, for the lanes that it is given."""
+        return bind(_to_command, LATER, action, *self._numbers, command)
 
     def fill(self, action: Floats, command: Floats) -> bool:
         """Write the commands [L, 2] of actions [L, 2], cut to [-1, 1]; False where one is not a finite number."""
-        return _to_command(action, *self._numbers, command)
+        return bool(_to_command(np.arange(len(action)), action, *self._numbers, command))
 
     def to_command(self, action: Floats) -> Floats:
         """Physical commands [L, 2] (speed [m/s], turn rate [rad/s] or steering angle [rad]) of actions [L, 2].

@@ -205,7 +205,10 @@ def resample_lanes(
     lanes, state, pose, pose_cov, maps, points, ancestors, index, target, log_hypothesis, log_w, w, used, exists,
     places, islands,
 ):  # fmt: skip
-    """Systematic resampling in the lanes where it is due (see `islands`). exists: [L, M or 0, N]. places: [3, N] integer scratch."""
+    """Systematic resampling in the lanes where it is due (see `islands`).
+
+    exists: [L, M or 0, N]. places: [3, N] integer scratch.
+    """
     copies, source, destination = places[0], places[1], places[2]
     for lane in lanes:
         put_away(maps[lane], points[lane], ancestors[lane], index[lane])

@@ -140,9 +140,8 @@ class Lanes:
         self._take: Callable[[Ints], bool] | None = None
         if bound is not None and simulation.is_plain and not simulation.clouds:
             watch, scratch = chain(bound.fill, watch), scratch + bound.scratch
-            ahead = chain(world.bound_step(self._command), bound.predict)
-            if self.num_lanes == 1:  # many lanes wait until all actions are known to be finite
-                ahead = chain(self._command_of, ahead)
+            # The same chain for any number of lanes and threads: compiled anew it may round otherwise.
+            ahead = chain(self._command_of, world.bound_step(self._command), bound.predict)
             if self.scenario.sensor_period > 1:
                 self._move, self._take = self._share(scratch, ahead), self._share(scratch, bound.update)
             elif self.hold > 1:
@@ -161,14 +160,14 @@ class Lanes:
         return lambda lanes: first(lanes) and second(lanes)
 
     def _finite_first(self, call: Callable[[Ints], bool]) -> Callable[[Ints], bool]:
-        """The call, after all actions are known to be finite; a single lane's call sees to it itself."""
+        """The call, after all actions are known to be finite: a block of lanes does not know the others'."""
         command_of = self._command_of
-        return call if self.num_lanes == 1 else lambda lanes: command_of() and call(lanes)
+        return call if self.num_lanes == 1 else lambda lanes: command_of(lanes) and call(lanes)
 
     def _advance(self, lanes: Ints) -> bool:
         """One simulation step of the lanes; False, and nothing has moved, where an action is no finite number."""
         if self._move is None:
-            finite = self._command_of()
+            finite = self._command_of(lanes)
             if finite:
                 self.simulation.advance(self._command, None if len(lanes) == self.num_lanes else lanes)
             return finite

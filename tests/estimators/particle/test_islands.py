@@ -19,7 +19,7 @@ def weighed(log_w, threshold):
 
 def test_every_island_has_its_share_of_the_weight_and_its_own_effective_number():
     rng = np.random.default_rng(0)
-    log_w = rng.normal(scale=[[0.1], [3.0], [0.1]], size=(ISLANDS, SIZE)) + [[0.0], [5.0], [-700.0]]
+    log_w = rng.normal(scale=[[0.1], [3.0], [0.1]], size=(ISLANDS, SIZE)) + np.array([[0.0], [5.0], [-700.0]])
     expected = np.exp(log_w - log_w.max(axis=1, keepdims=True))
     expected /= expected.sum(axis=1, keepdims=True)
     state, w = weighed(log_w.ravel(), 0.5)
