@@ -66,13 +66,15 @@ class Ending:
 
 
 @subroutine
-def _score(lanes, metrics, x, k, b, action, before, border, settings, weights, values, defined, flags, paid, ended):
+def _score(
+    lanes, metrics, x, k, b, action, before, border, settings, weights, values, defined, whole, flags, paid, ended
+):
     """Fill the rows of the lanes [n].
 
     metrics [L, 13]; x, k, b: the world's blocks; action [L, 2]; before [L, 3]: landmarks mapped and collisions at the
     last call, and whether the lane has just begun an episode, so that its reward's terms are undefined;
-    values [NUMBERS, L], whether they are `defined` [NUMBERS, L], flags [FLAGS, L], paid [L], ended [2, L] (terminated,
-    truncated): output.
+    values [NUMBERS, L], whether they are `defined` [NUMBERS, L] and all of them `whole` [L], flags [FLAGS, L], paid
+    [L], ended [2, L] (terminated, truncated): output.
     """
     has_target = settings[_HAS_TARGET] > 0.0
     for n in range(lanes.shape[0]):
@@ -109,8 +111,10 @@ def _score(lanes, metrics, x, k, b, action, before, border, settings, weights, v
         flags[6, lane] = captured or (error < settings[_SUCCESS] and not lost)
         ended[0, lane] = captured or (outside and settings[_OUTSIDE] > 0.0)
         ended[1, lane] = steps >= settings[_MAX_STEPS]
+        whole[lane] = True
         for i in range(values.shape[0]):
             defined[i, lane] = values[i, lane] == values[i, lane]
+            whole[lane] &= defined[i, lane]
 
 
 class Scorer:
@@ -124,7 +128,7 @@ class Scorer:
         action: [L, 2] where the actions taken stand.
 
     Attributes:
-        values: [NUMBERS, L], NaN where undefined; defined: [NUMBERS, L]. flags: [FLAGS, L].
+        values: [NUMBERS, L], NaN where undefined; defined: [NUMBERS, L], whole: [L] all of them. flags: [FLAGS, L].
         reward: [L]. terminated, truncated: [L].
         before: [L, 3] landmarks in the map and collisions at the last call; 1 where an episode has just begun.
         bound: measures and scores the lanes that it is given, from a fresh belief.
@@ -144,6 +148,7 @@ class Scorer:
         self.simulation, self.weights, self.border = simulation, weights, border
         self.values: Floats = np.full((len(NUMBERS), L), np.nan)
         self.defined: Bools = np.zeros((len(NUMBERS), L), dtype=np.bool_)
+        self.whole: Bools = np.zeros(L, dtype=np.bool_)
         self.flags: Bools = np.zeros((len(FLAGS), L), dtype=np.bool_)
         self.reward: Floats = np.zeros(L)
         self.ended: Bools = np.zeros((2, L), dtype=np.bool_)
@@ -159,12 +164,11 @@ class Scorer:
         landmarks, count = (world.landmarks, world.landmark_count) if world.labelled else (None, None)
         meter, target = simulation.meters[0], world.target if world.has_target else None
         belief = simulation.estimators[0].belief
-        self._pose, self._target = world.pose, target
         measure = meter.bound(belief, world.pose, target, landmarks, count, world.target_heading)
         score = bind(
             _score, LATER, meter.record.view(np.float64).reshape(L, -1), world.floats, world.integers, world.flags,
-            action, self.before, border, self.settings, weights, self.values, self.defined, self.flags, self.reward,
-            self.ended,
+            action, self.before, border, self.settings, weights, self.values, self.defined, self.whole, self.flags,
+            self.reward, self.ended,
         )  # fmt: skip
         self.bound: Bound = chain(measure, score)
         self.scratch = meter.scratch
@@ -182,17 +186,31 @@ class Scorer:
         for name, array in state.items():
             getattr(self, name)[...] = array
         self.defined[...] = ~np.isnan(self.values)
+        self.whole[...] = self.defined.all(axis=0)
 
-    def info(self, lane: int) -> dict[str, Any]:
-        """One lane's numbers and flags, without those undefined."""
-        numbers = zip(NUMBERS, self.values[:, lane].tolist(), strict=True)
-        if self.defined[:, lane].all():
+
+class LaneInfo:
+    """Info of one lane, anew at each call: its numbers and flags without those undefined, true pose and target.
+
+    Holds views of the lane's own numbers: to take one costs more than to read it.
+    """
+
+    def __init__(self, scorer: Scorer, lane: int = 0) -> None:
+        world = scorer.simulation.world
+        self._values, self._flags = scorer.values[:, lane], scorer.flags[:, lane]
+        self._whole = scorer.whole[lane : lane + 1]
+        self._pose, self._target = world.pose[lane], world.target[lane] if world.has_target else None
+
+    def __call__(self) -> dict[str, Any]:
+        """A dictionary of the caller's own."""
+        numbers = zip(NUMBERS, self._values.tolist(), strict=True)
+        if self._whole[0]:
             info: dict[str, Any] = _INFO.copy()  # its table is large enough: half the time of one that grows
             info.update(numbers)
         else:
             info = {name: value for name, value in numbers if value == value}
-        info.update(zip(FLAGS, self.flags[:, lane].tolist(), strict=True))
-        info["robot_pose"] = self._pose[lane].copy()
+        info.update(zip(FLAGS, self._flags.tolist(), strict=True))
+        info["robot_pose"] = self._pose.copy()
         if self._target is not None:
-            info["target_state"] = self._target[lane].copy()
+            info["target_state"] = self._target.copy()
         return info
