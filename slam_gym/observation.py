@@ -103,7 +103,8 @@ def _target(out, lane, at, known, seen, since, rel, cov, velocity, settings):
 
 
 @inline
-def _sectors(out, lane, at, known, seen, rel, cov, points, count, has_target):
+def _sectors(out, lane, at, known, seen, rel, cov, points, borders, count, has_target):
+    """A point lies in sector i if it is left of that one's right border and not left of the next one's."""
     start = 1.0 / count if has_target and not known else 0.0
     for i in range(count):
         out[lane, at + i] = start
@@ -116,10 +117,17 @@ def _sectors(out, lane, at, known, seen, rel, cov, points, count, has_target):
     l00 = math.sqrt(max(cov[lane, 0, 0], 1e-12))
     l10 = cov[lane, 0, 1] / l00
     l11 = math.sqrt(max(cov[lane, 1, 1] - l10 * l10, 0.0))
-    share = 1.0 / points.shape[0]
-    for i in range(points.shape[0]):
-        a, b = points[i, 0], points[i, 1]
-        out[lane, at + _sector(x + l00 * a, y + l10 * a + l11 * b, count)] += share
+    left_over = points.shape[1]
+    for i in range(1, count):
+        right_x, right_y, left_x, left_y = borders[i, 0], borders[i, 1], borders[i + 1, 0], borders[i + 1, 1]
+        inside = 0
+        for p in range(points.shape[1]):
+            east, north = x + l00 * points[0, p], y + l10 * points[0, p] + l11 * points[1, p]
+            left = right_x * north - right_y * east >= 0.0
+            inside += left & (left_x * north - left_y * east < 0.0)
+        out[lane, at + i] = inside / points.shape[1]
+        left_over -= inside
+    out[lane, at] = left_over / points.shape[1]
 
 
 @inline
@@ -183,7 +191,7 @@ def _landmarks(out, lane, at, K, mapped, rel, cov, nearest, unit):
 @jit
 def _observe(
     lanes, pose, pose_cov, known, rel, rel_cov, rel_velocity, mapped, landmark_rel, landmark_rel_cov, x, k, border,
-    settings, points, nearest, sectors, out,
+    settings, points, borders, nearest, sectors, out,
 ):  # fmt: skip
     """The rows of the lanes [n]. x, k: the world's blocks, of which only what the robot is told is read.
 
@@ -196,7 +204,7 @@ def _observe(
         seen = has_target and known[lane] and seen_now(since, step, settings[_SWEEP], settings[_DT])
         _target(out, lane, 0, known[lane], seen, since if has_target else 0.0, rel, rel_cov, rel_velocity, settings)
         at = TARGET_SIZE
-        _sectors(out, lane, at, known[lane], seen, rel, rel_cov, points, sectors, has_target)
+        _sectors(out, lane, at, known[lane], seen, rel, rel_cov, points, borders, sectors, has_target)
         at += sectors
         command = k[ODOMETRY] + 2 * lane
         _robot(out, lane, at, pose, pose_cov, border, x[command], x[command + 1], settings)
@@ -259,7 +267,9 @@ class Observer:
             low_high(scenario.sensor.max_range)[1], low_high(robot.speed_max)[1], turn,
             scenario.dt * scenario.sensor_period, scenario.dt, scenario.has_target,
         ])  # fmt: skip
-        self._points, self._nearest = equally_probable_points(), np.zeros((2, K))
+        self._points, self._nearest = np.ascontiguousarray(equally_probable_points().T), np.zeros((2, K))
+        turns = 2.0 * np.pi * (np.arange(S + 1) - 0.5) / S
+        self._borders: Floats = np.column_stack([np.cos(turns), np.sin(turns)])
         self.scratch = (self._nearest,)
         self.out: NDArray[np.float32] = np.zeros((num_lanes, self.size), dtype=np.float32)
         self._all = np.arange(num_lanes)
@@ -296,7 +306,7 @@ class Observer:
         """The kernel that fills the rows of `out` that it is given, from a fresh belief."""
         return bind(
             _observe, LATER, *_BELIEF(belief.buffers), world.floats, world.integers, self.border, self.settings,
-            self._points, self._nearest, self.sectors, self.out,
+            self._points, self._borders, self._nearest, self.sectors, self.out,
         )  # fmt: skip
 
     def split(self, flat: NDArray[np.float32]) -> dict[str, NDArray[np.float32]]:
