@@ -173,6 +173,10 @@ class Belief:
         """Called by the estimator whenever its state has changed."""
         self._core_stale = self._map_stale = True
 
+    def mark_fresh(self) -> None:
+        """Called by those who fill `buffers` in all lanes through `BoundCalls.fill`."""
+        self._core_stale = self._map_stale = False
+
     @property
     def is_stale(self) -> bool:
         """Whether the estimator has changed since `buffers` were filled, as far as it has said so."""

@@ -138,7 +138,8 @@ class Lanes:
         self._whole: Callable[[Ints], bool] | None = None
         self._move: Callable[[Ints], bool] | None = None
         self._take: Callable[[Ints], bool] | None = None
-        if bound is not None and simulation.is_plain and not simulation.clouds:
+        compiled = bound is not None and simulation.is_plain and not simulation.clouds
+        if bound is not None and compiled:
             watch, scratch = chain(bound.fill, watch), scratch + bound.scratch
             # The same chain for any number of lanes and threads: compiled anew it may round otherwise.
             ahead = chain(self._command_of, world.bound_step(self._command), bound.predict)
@@ -148,7 +149,7 @@ class Lanes:
                 self._move = self._share(scratch, chain(ahead, bound.update))
             else:
                 self._whole = self._finite_first(self._share(scratch, chain(ahead, bound.update), watch))
-        self._watch = self._share(scratch, watch)
+        self._watch, self._fills = self._share(scratch, watch), compiled
 
     def _share(self, scratch: tuple[Any, ...], *calls: Bound) -> Callable[[Ints], bool]:
         """One call of several, for some lanes at a time and by all threads."""
@@ -179,8 +180,10 @@ class Lanes:
         return finite
 
     def _look(self, lanes: Ints) -> None:
-        """Observe, measure and score the lanes named; kernels that were called above have told nobody of a change."""
-        if self._belief.is_stale:
+        """Observe, measure and score the lanes named; what the kernels above have changed nobody calls stale."""
+        if self._fills and len(lanes) == self.num_lanes:
+            self._belief.mark_fresh()  # in a moment
+        elif self._belief.is_stale:
             self._belief.refresh()
         self._watch(lanes)
         if isinstance(self.observer, CloudObserver):
