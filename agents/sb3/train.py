@@ -2,14 +2,16 @@
 
 import shlex
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
 if TYPE_CHECKING:
-    from agents.sb3.training import Report, Trained
+    from agents.sb3.sweep import SeedReport
+    from agents.sb3.training import Trained
 
 MISSING = "training needs Stable-Baselines3 and torch: pip install 'slam-gym[rl]'"
 
@@ -29,6 +31,9 @@ class Train:
       slam-gym train --steps 3e6 --hyperparams gamma=0.99 n_epochs=10 --reward track=0.5 effort=0.05
       slam-gym train --teacher pursuit-search --target-cloud 256
           learns first what a searcher does, then what it does not: the best recipe known here
+      slam-gym train --seeds 0 1 2 3 4 --out runs/five
+          five trainings side by side: what to expect of the recipe, not of one seed
+
       slam-gym train --seed 1 --resume    the same command with --resume: goes on after Ctrl-C, or for more --steps
 
       tensorboard --logdir runs                                          watch it learn
@@ -45,6 +50,14 @@ class Train:
     """Decisions of all lanes together, such as 2e6; default: the hyperparameters'."""
     seed: int = 0
     """Of weights, exploration and worlds."""
+    seeds: tuple[int, ...] = ()
+    """Instead of --seed: a training for each, in the folders seed-0, seed-1, ... of --out."""
+    jobs: int | None = None
+    """Trainings at once, of several --seeds; default: one per CPU, of this machine or of the cluster."""
+    backend: Literal["processes", "ray"] = "processes"
+    """processes: on this machine. ray: on a Ray cluster whose machines share the disk of --out (extra `cluster`)."""
+    address: str | None = None
+    """Of the Ray cluster, "auto" for the one this machine belongs to; default: Ray is started here."""
     num_envs: int | None = None
     """Lanes; default: the hyperparameters'."""
     hold: int | None = None
@@ -77,7 +90,7 @@ class Train:
     threads: int = 1
     """Of torch; weights are the same bit for bit where this is the same."""
     out: Path | None = None
-    """Folder; default: runs/ALGO-SCENARIO-ESTIMATOR-SEED."""
+    """Folder; default: runs/ALGO-SCENARIO-ESTIMATOR-SEED (without the seed for several)."""
     resume: bool = False
     """Go on from the checkpoint in --out; same settings, --steps may have grown."""
 
@@ -85,18 +98,25 @@ class Train:
         """Train, print, write."""
         from rich.console import Console
 
+        from slam_gym.evaluation_backend import workers
         from slam_gym.results import file_stem
 
         try:
+            from agents.sb3.sweep import sweep
             from agents.sb3.training import check_numbers, train
         except ImportError as error:
             raise ImportError(f"{MISSING} ({error})") from error
         check_numbers(self)
-        out = self.out or Path("runs") / file_stem(self.algo, Path(self.scenario).stem, self.estimator, self.seed)
-        console = Console(stderr=True)
+        parts = (self.algo, Path(self.scenario).stem, self.estimator, *([] if self.seeds else [self.seed]))
+        out = self.out or Path("runs") / file_stem(*parts)
+        command, console = shlex.join(["slam-gym", *sys.argv[1:]]), Console(stderr=True)
         try:
-            with progress_bar(console) as report:
-                trained = train(self, out, command=shlex.join(["slam-gym", *sys.argv[1:]]), report=report)
+            with progress_bars(console, bool(self.seeds)) as report:
+                if self.seeds:
+                    with workers(self.jobs, self.backend, self.address) as crew:
+                        trained = sweep(self, out, crew, command=command, report=report)
+                else:
+                    trained = [train(self, out, command=command, report=partial(report, self.seed))]
         except KeyboardInterrupt:
             console.print(f"Stopped; the same command with --resume goes on. Until then: {out}", soft_wrap=True)
             raise
@@ -104,16 +124,18 @@ class Train:
         return 0
 
 
-def summarise(trained: "Trained", console: Any) -> None:
-    """Say how good the best policy is and how to use it."""
-    best = trained.best
-    console.print(f"Best after {best['steps']:,.0f} decisions: {describe(best)}", highlight=False, soft_wrap=True)
-    for line in (
-        f"Policy: {trained.out / 'best'}",
-        f"Weights of the latest: {trained.digest}",
-        f"Next: slam-gym evaluate {trained.out}",
-    ):
-        console.print(line, soft_wrap=True, highlight=False)
+def summarise(trained: Sequence["Trained"], console: Any) -> None:
+    """Say how good the best policies are and how to use them."""
+    for one in trained:
+        best = one.best
+        for line in (
+            f"Best after {best['steps']:,.0f} decisions: {describe(best)}",
+            f"Policy: {one.out / 'best'}",
+            f"Weights of the latest: {one.digest}",
+        ):
+            console.print(line, soft_wrap=True, highlight=False)
+    folders = " ".join(str(one.out) for one in trained)
+    console.print(f"Next: slam-gym evaluate {folders}", soft_wrap=True, highlight=False)
 
 
 def describe(row: dict[str, float]) -> str:
@@ -125,8 +147,8 @@ def describe(row: dict[str, float]) -> str:
 
 
 @contextmanager
-def progress_bar(console: Any) -> Iterator["Report"]:
-    """A bar on a terminal; a line per evaluation everywhere."""
+def progress_bars(console: Any, several: bool = False) -> Iterator["SeedReport"]:
+    """A bar for each seed on a terminal; a line per evaluation everywhere, with the seed where there are several."""
     from rich.progress import (
         BarColumn,
         MofNCompleteColumn,
@@ -136,15 +158,21 @@ def progress_bar(console: Any) -> Iterator["Report"]:
         TimeRemainingColumn,
     )
 
-    columns = (TextColumn("training"), BarColumn(), MofNCompleteColumn(), TextColumn("decisions"), TimeElapsedColumn(),
-               TextColumn("left"), TimeRemainingColumn(), TextColumn("{task.fields[rate]}"))  # fmt: skip
+    columns = (
+        TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TextColumn("decisions"),
+        TimeElapsedColumn(), TextColumn("left"), TimeRemainingColumn(), TextColumn("{task.fields[rate]}"),
+    )  # fmt: skip
     with Progress(*columns, console=console, disable=not console.is_terminal) as bar:
-        task = bar.add_task("training", total=None, rate="")
+        tasks: dict[int, Any] = {}
 
-        def report(done: int, total: int, row: dict[str, float] | None) -> None:
-            speed = bar.tasks[0].speed
+        def report(seed: int, done: int, total: int, row: dict[str, float] | None) -> None:
+            if seed not in tasks:
+                tasks[seed] = bar.add_task(f"training, seed {seed}", total=None, rate="")
+            task = tasks[seed]
+            speed = bar.tasks[list(tasks).index(seed)].speed
             bar.update(task, completed=done, total=total, rate=f"{speed:,.0f}/s" if speed else "")
             if row is not None:
-                console.print(f"{done:>11,} decisions: {describe(row)}", highlight=False, soft_wrap=True)
+                whose = f"seed {seed}: " if several else ""
+                console.print(f"{whose}{done:>11,} decisions: {describe(row)}", highlight=False, soft_wrap=True)
 
         yield report

@@ -36,6 +36,7 @@ ALGORITHMS: dict[str, type["BaseAlgorithm"]] = {"ppo": stable_baselines3.PPO, "s
 ACTION_TIME = 0.4  # [s] that an action lasts where nobody says otherwise
 CONFIG = "config.json"
 MAY_CHANGE = ("out", "resume", "steps", "n_timesteps", "threads")  # between a training and its resumption
+OF_A_SWEEP = ("seeds", "jobs", "backend", "address")  # settings that no single training is told
 RESOLVED = ("hyperparams", "hyperparams_file", "num_envs")  # settings that are compared as hyperparameters
 
 Report = Callable[[int, int, Row | None], None]  # (decisions so far, decisions altogether, evaluation if there was one)
@@ -172,7 +173,11 @@ def imitate_teacher(model: "BaseAlgorithm", settings: "Train", scenario: Scenari
 
 def describe(settings: "Train", chosen: Hyperparameters, command: str) -> dict[str, Any]:
     """Everything that a training was told, of JSON types."""
-    said = {name: str(value) if isinstance(value, Path) else value for name, value in vars(settings).items()}
+    said = {
+        name: str(value) if isinstance(value, Path) else value
+        for name, value in vars(settings).items()
+        if name not in OF_A_SWEEP
+    }
     packages = {"torch": torch.__version__, "stable-baselines3": stable_baselines3.__version__}
     config = {
         "command": command,
@@ -186,8 +191,7 @@ def describe(settings: "Train", chosen: Hyperparameters, command: str) -> dict[s
 def _check_folder(out: Path, resume: bool, config: dict[str, Any]) -> dict[str, Any] | None:
     """The checkpoint to go on from; None: a new training."""
     if not resume:
-        if (out / CHECKPOINT).exists():
-            raise ValueError(f"{str(out)!r} holds a training already: go on with --resume, or choose another --out")
+        check_folder_is_free(out)
         return None
     if not (out / CHECKPOINT).is_file():
         raise ValueError(f"nothing to resume: there is no {CHECKPOINT} in {str(out)!r}")
@@ -201,6 +205,12 @@ def _check_folder(out: Path, resume: bool, config: dict[str, Any]) -> dict[str, 
                     f"The command was: {before['command']}"
                 )
     return dict(store.load(out / CHECKPOINT))
+
+
+def check_folder_is_free(out: Path) -> None:
+    """Raises ValueError for a folder that a training would overwrite."""
+    if (out / CHECKPOINT).exists():
+        raise ValueError(f"{str(out)!r} holds a training already: go on with --resume, or choose another --out")
 
 
 def _about(settings: "Train", scenario: Scenario, config: dict[str, Any]) -> dict[str, Any]:
@@ -232,5 +242,6 @@ def check_numbers(settings: "Train") -> None:
     for name in ("evaluate_every", "evaluation_runs", "teacher_decisions", "threads"):
         if getattr(settings, name) < 1:
             raise ValueError(f"--{name.replace('_', '-')} must be at least 1; got {getattr(settings, name)}")
-    if settings.seed < 0 or settings.seed >= np.iinfo(np.uint32).max:
-        raise ValueError(f"--seed must be from 0 to 2^32 - 2; got {settings.seed}")
+    for seed in settings.seeds or (settings.seed,):
+        if seed < 0 or seed >= np.iinfo(np.uint32).max:
+            raise ValueError(f"--seed must be from 0 to 2^32 - 2; got {seed}")
