@@ -158,7 +158,7 @@ def _measured(dx, dy, c, s, n0, n1, noise):
     growing = range_std_per_range * r
     root = math.sqrt(range_std * range_std + growing * growing)
     std = root if quadrature else range_std + growing
-    bearing = angle_between((dx * c + dy * s) / r, (dy * c - dx * s) / r)
+    bearing = angle_between((dx * c + dy * s) / r, (dy * c - dx * s) / r, 1.0)
     return max(r + std * n0, MIN_RETURN), wrap_smooth(bearing + bearing_std * n1)
 
 

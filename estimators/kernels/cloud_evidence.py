@@ -47,7 +47,7 @@ def detection(lane, x, y, pose, pose_cov, model, mapped, landmark, landmark_cov,
         r = math.sqrt(dx * dx + dy * dy) + 1e-9
         share = share_beyond(model.max_range - r, range_edge)
         edge = EDGE * math.sqrt(turn_variance + variance / (r * r)) + SHARPEST
-        off = abs(angle_between((c * dx + s * dy) / r, (c * dy - s * dx) / r))
+        off = abs(angle_between((c * dx + s * dy) / r, (c * dy - s * dx) / r, 1.0))
         view = 1.0 if all_round else share_beyond(half_view - off, edge)
         out[p] = model.detection_probability * share * view
     if model.landmark_radius > 0.0:

@@ -71,14 +71,14 @@ def wrap_smooth(angle):
 
 
 @inline
-def angle_between(dot, cross):
-    """The angle whose cosine is `dot` and whose sine is `cross`, in [-pi, pi].
+def angle_between(dot, cross, length):
+    """The angle whose cosine is `dot` / `length` and whose sine is `cross` / `length`, in [-pi, pi].
 
-    2 atan(cross / (1 + dot)), by the half angle: one division, then an odd polynomial on |t| <= tan(pi/8).
-    The two need not be normalised to the last digit: their common factor enters with half its relative error.
+    2 atan(cross / (length + dot)), by the half angle: one division, then an odd polynomial on |t| <= tan(pi/8).
+    The length need not be right to the last digit: it enters with half its relative error.
     """
     a = abs(cross) + _TINY_SINE  # so that exactly opposite directions are half a turn apart, not none
-    b = 1.0 + dot
+    b = length + dot
     b = b if b > _TINY else _TINY
     # atan(a/b) = m pi/4 + atan(t), m in 0, 1, 2, with |t| <= tan(pi/8)
     low = a <= _TAN_PI_8 * b

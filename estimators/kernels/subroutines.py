@@ -19,10 +19,19 @@ from numba.core.types import unliteral
 
 _NJIT = {"nopython": True, "boundscheck": None}  # what `numba.njit` adds to the options
 _ENVIRONMENT = "_ZN08NumbaEnv"  # begins the names of the variables that numba sets in compiled code
+_WIDEST = '"prefer-vector-width"="512"'  # LLVM halves AVX-512's vectors on some processors; others have none as wide
 
 
 class _Bodies(JITCodeLibrary):
     """Compiled functions to link into others; only their variables become machine code."""
+
+    wide = False  # whether loops get the processor's widest vectors
+
+    def add_ir_module(self, ir_module: Any) -> None:
+        """Numba's, with what LLVM is to know about the functions."""
+        for function in ir_module.functions if self.wide else ():
+            set.add(function.attributes, _WIDEST)  # llvmlite's own `add` knows no attributes with values
+        super().add_ir_module(ir_module)
 
     def _finalize_final_module(self) -> None:
         self._finalized = True
@@ -35,11 +44,12 @@ class _Bodies(JITCodeLibrary):
 
 
 class _Compiler(CompilerBase):  # type: ignore[misc, unused-ignore]
-    """Numba's own passes, into a library of `_Bodies`."""
+    """Numba's own passes, into a library of `_Bodies`; what `jit.disjoint` promises is passed on."""
 
     def define_pipelines(self) -> list[Any]:
         state = self.state
         state.library = _Bodies(state.targetctx.codegen(), state.func_id.func_qualname)
+        state.flags.noalias = state.library.wide = getattr(state.func_id.func, "__disjoint__", False)
         state.library.enable_object_caching()
         return [DefaultPassBuilder.define_nopython_pipeline(state)]
 

@@ -6,18 +6,67 @@ A particle knows its pose, so a landmark's EKF sees S = A P A' + R, A = dh/d(lan
 import math
 
 from estimators.kernels.elementary import angle_between, log
-from estimators.kernels.jit import inline, subroutine
+from estimators.kernels.jit import disjoint, inline, subroutine
 
 CLOSEST = 1e-6  # [m] below this distance the bearing's gradient is taken at it
 
 
 @inline
-def fit(dx, dy, p00, p01, p11, distance, beam_x, beam_y, var_r, var_b):
-    """Innovation of one return against a point at (dx, dy) from the robot with covariance P, in unit vectors.
+def sight(dx, dy, beam_x, beam_y):
+    """Predicted range of a point at D = (dx, dy) from the robot, and by how much a return's bearing differs.
 
-    With u = D/|D| and A = dh/dD = [u', (Ju)'/|D|], the update of anything correlated with the point is
-    mean += C b and cov -= C A2 C', C its covariance with the point:
-    b = A' S^-1 nu, A2 = A' S^-1 A. Eqs. (14) and (18), Wu and Sun 2013.
+    beam_x, beam_y: the measured bearing as a unit vector in the world's axes.
+    """
+    square = dx * dx + dy * dy
+    r = math.sqrt(square if square > CLOSEST * CLOSEST else CLOSEST * CLOSEST)
+    return r, angle_between(dx * beam_x + dy * beam_y, dx * beam_y - dy * beam_x, r)
+
+
+@inline
+def displace(dx, dy, r, nu_b, distance, var_r, var_b):
+    """A return as a measurement of the point itself: innovation nu and noise W in the world's axes.
+
+    Along u = D/r lies the range, across it, v = J u, r times the bearing: nu = u nu_r + v r nu_b and
+    W = var_r u u' + r^2 var_b v v'. In these axes A = dh/dD is the identity, and S = P + W.
+
+    Args:
+        r, nu_b: see `sight`; distance: measured range. var_r, var_b: the sensor's variances.
+
+    Returns:
+        nu (x, y), W (xx, xy, yy), det W, 1/r^2: what turns det S into the sensor's units.
+    """
+    inverse = 1.0 / r
+    ux, uy = dx * inverse, dy * inverse
+    nu_r, nu_t = distance - r, r * nu_b
+    w00, w01, w11 = beam_cov(ux, uy, r, var_r, var_b)
+    return (
+        ux * nu_r - uy * nu_t,
+        uy * nu_r + ux * nu_t,
+        w00,
+        w01,
+        w11,
+        var_r * (r * r * var_b),
+        inverse * inverse,
+    )
+
+
+@inline
+def fit_sighted(dx, dy, p00, p01, p11, r, nu_b, distance, var_r, var_b):
+    """`fit` of a return whose `sight` is given."""
+    nu_x, nu_y, w00, w01, w11, det_w, units = displace(dx, dy, r, nu_b, distance, var_r, var_b)
+    det = p00 * p11 - p01 * p01 + det_w + p00 * w11 + p11 * w00 - 2.0 * p01 * w01
+    scale = 1.0 / det
+    i00, i01, i11 = (p11 + w11) * scale, -(p01 + w01) * scale, (p00 + w00) * scale
+    b0, b1 = i00 * nu_x + i01 * nu_y, i01 * nu_x + i11 * nu_y
+    return b0, b1, i00, i01, i11, nu_x * b0 + nu_y * b1, det * units
+
+
+@inline
+def fit(dx, dy, p00, p01, p11, distance, beam_x, beam_y, var_r, var_b):
+    """Innovation of one return against a point at D = (dx, dy) from the robot with covariance P.
+
+    With A = dh/dD the update of anything correlated with the point is mean += C b and cov -= C A2 C', C its
+    covariance with the point: b = A' S^-1 nu, A2 = A' S^-1 A. Eqs. (14) and (18), Wu and Sun 2013.
 
     Args:
         distance: measured range; beam_x, beam_y: measured bearing as a unit vector in the world's axes.
@@ -26,78 +75,46 @@ def fit(dx, dy, p00, p01, p11, distance, beam_x, beam_y, var_r, var_b):
     Returns:
         b0, b1, a00, a01, a11, nu' S^-1 nu, det S.
     """
-    square = dx * dx + dy * dy
-    square = square if square > CLOSEST * CLOSEST else CLOSEST * CLOSEST
-    inverse = 1.0 / math.sqrt(square)
-    ux, uy = dx * inverse, dy * inverse
-    vx, vy = -uy * inverse, ux * inverse
-    nu_r = distance - square * inverse
-    nu_b = angle_between(ux * beam_x + uy * beam_y, ux * beam_y - uy * beam_x)
-    f0, f1 = p00 * ux + p01 * uy, p01 * ux + p11 * uy
-    g0, g1 = p00 * vx + p01 * vy, p01 * vx + p11 * vy
-    s00 = ux * f0 + uy * f1 + var_r
-    s01 = ux * g0 + uy * g1
-    s11 = vx * g0 + vy * g1 + var_b
-    det = s00 * s11 - s01 * s01
+    r, nu_b = sight(dx, dy, beam_x, beam_y)
+    return fit_sighted(dx, dy, p00, p01, p11, r, nu_b, distance, var_r, var_b)
+
+
+@inline
+def assimilate_sighted(dx, dy, p00, p01, p11, r, nu_b, distance, var_r, var_b):
+    """`assimilate` a return whose `sight` is given.
+
+    With S = P + W the mean moves by P S^-1 nu, and the posterior covariance P S^-1 W is
+    (det W P + det P W) / det S: the same as (I - K H) P, without a cancellation and in half the operations.
+    """
+    nu_x, nu_y, w00, w01, w11, det_w, units = displace(dx, dy, r, nu_b, distance, var_r, var_b)
+    det_p = p00 * p11 - p01 * p01
+    det = det_p + det_w + p00 * w11 + p11 * w00 - 2.0 * p01 * w01
     scale = 1.0 / det
-    i00, i01, i11 = s11 * scale, -s01 * scale, s00 * scale
-    e0, e1 = i00 * nu_r + i01 * nu_b, i01 * nu_r + i11 * nu_b
-    q0, q1 = i00 * ux + i01 * vx, i01 * ux + i11 * vx
-    r0, r1 = i00 * uy + i01 * vy, i01 * uy + i11 * vy
+    b0 = ((p11 + w11) * nu_x - (p01 + w01) * nu_y) * scale
+    b1 = ((p00 + w00) * nu_y - (p01 + w01) * nu_x) * scale
+    of_p, of_w = det_w * scale, det_p * scale
     return (
-        ux * e0 + vx * e1,
-        uy * e0 + vy * e1,
-        ux * q0 + vx * q1,
-        ux * r0 + vx * r1,
-        uy * r0 + vy * r1,
-        nu_r * e0 + nu_b * e1,
-        det,
+        p00 * b0 + p01 * b1,
+        p01 * b0 + p11 * b1,
+        of_p * p00 + of_w * w00,
+        of_p * p01 + of_w * w01,
+        of_p * p11 + of_w * w11,
+        nu_x * b0 + nu_y * b1,
+        det * units,
     )
 
 
 @inline
 def assimilate(dx, dy, p00, p01, p11, distance, beam_x, beam_y, var_r, var_b):
-    """A landmark's whole EKF update, written along and across the line of sight, where R is diagonal.
-
-    With P turned into those axes (rr, rt, tt), the bearing's innovation and noise in metres at the landmark
-    (nu_t = r nu_b, var_t = r^2 var_b) and D = det P + rr var_t + tt var_r + var_r var_t, the posterior is
-    rr = var_r (det P + rr var_t) / D, rt = var_r var_t rt / D, tt = var_t (det P + tt var_r) / D: the same as
-    (I - K H) P, without a cancellation and in half the operations.
+    """A landmark's whole EKF update.
 
     Args: as `fit`.
 
     Returns:
         The step of the mean (x, y), the posterior covariance (xx, xy, yy), nu' S^-1 nu, det S.
     """
-    square = dx * dx + dy * dy
-    square = square if square > CLOSEST * CLOSEST else CLOSEST * CLOSEST
-    inverse = 1.0 / math.sqrt(square)
-    r = square * inverse
-    ux, uy = dx * inverse, dy * inverse
-    nu_r = distance - r
-    nu_t = r * angle_between(ux * beam_x + uy * beam_y, ux * beam_y - uy * beam_x)
-    var_t = square * var_b
-    cc, cs, ss = ux * ux, ux * uy, uy * uy
-    rr = cc * p00 + 2.0 * cs * p01 + ss * p11
-    rt = cs * (p11 - p00) + (cc - ss) * p01
-    tt = ss * p00 - 2.0 * cs * p01 + cc * p11
-    det_p = p00 * p11 - p01 * p01
-    along, across = det_p + rr * var_t, det_p + tt * var_r
-    det = along + var_r * (tt + var_t)
-    scale = 1.0 / det
-    step_r = (along * nu_r + rt * var_r * nu_t) * scale
-    step_t = (rt * var_t * nu_r + across * nu_t) * scale
-    nis = (nu_r * nu_r * (tt + var_t) - 2.0 * nu_r * nu_t * rt + nu_t * nu_t * (rr + var_r)) * scale
-    new_rr, new_rt, new_tt = var_r * along * scale, var_r * var_t * rt * scale, var_t * across * scale
-    return (
-        ux * step_r - uy * step_t,
-        uy * step_r + ux * step_t,
-        cc * new_rr - 2.0 * cs * new_rt + ss * new_tt,
-        cs * (new_rr - new_tt) + (cc - ss) * new_rt,
-        ss * new_rr + 2.0 * cs * new_rt + cc * new_tt,
-        nis,
-        det * (inverse * inverse),
-    )
+    r, nu_b = sight(dx, dy, beam_x, beam_y)
+    return assimilate_sighted(dx, dy, p00, p01, p11, r, nu_b, distance, var_r, var_b)
 
 
 @inline
@@ -111,7 +128,7 @@ def beam_cov(beam_x, beam_y, distance, var_r, var_b):
     )
 
 
-@subroutine
+@disjoint
 def start_column(mx, my, pxx, pxy, pyy, x, y, cosine, sine, distance, cb, sb, var_r, var_b):
     """A landmark's first sighting, in every particle. All rows [N]; cb, sb: cosine and sine of the bearing."""
     for p in range(mx.size):
@@ -121,16 +138,36 @@ def start_column(mx, my, pxx, pxy, pyy, x, y, cosine, sine, distance, cb, sb, va
         pxx[p], pxy[p], pyy[p] = beam_cov(beam_x, beam_y, distance, var_r, var_b)
 
 
-@subroutine
-def update_column(mx, my, pxx, pxy, pyy, x, y, cosine, sine, nis_sum, det_product, distance, cb, sb, var_r, var_b):
-    """A landmark seen again: its EKF in every particle, and its share of the weight.
+@disjoint
+def sight_column(mx, my, x, y, cosine, sine, cb, sb, r, nu_b):
+    """`sight` in every particle, all rows [N]; r, nu_b: written.
 
-    All rows [N]. nis_sum and det_product gather nu' S^-1 nu and det S over the sweep's returns.
+    A pass of its own: what needs roots and angles waits long for each result, and short loops overlap in the processor.
     """
     for p in range(mx.size):
         beam_x, beam_y = cb * cosine[p] - sb * sine[p], sb * cosine[p] + cb * sine[p]
-        step_x, step_y, pxx[p], pxy[p], pyy[p], nis, det = assimilate(
-            mx[p] - x[p], my[p] - y[p], pxx[p], pxy[p], pyy[p], distance, beam_x, beam_y, var_r, var_b
+        r[p], nu_b[p] = sight(mx[p] - x[p], my[p] - y[p], beam_x, beam_y)
+
+
+@disjoint
+def fit_column(mx, my, p00, p01, p11, x, y, t0, t1, t2, t3, t4, t5, t6, distance, var_r, var_b):
+    """`fit` in every particle, all rows [N]. t0 to t6: its terms, written; t0 and t1 come from `sight_column`."""
+    for p in range(mx.size):
+        t0[p], t1[p], t2[p], t3[p], t4[p], t5[p], t6[p] = fit_sighted(
+            mx[p] - x[p], my[p] - y[p], p00[p], p01[p], p11[p], t0[p], t1[p], distance, var_r, var_b
+        )
+
+
+@disjoint
+def update_column(mx, my, pxx, pxy, pyy, x, y, r, nu_b, nis_sum, det_product, distance, var_r, var_b):
+    """A landmark seen again: its EKF in every particle, and its share of the weight.
+
+    All rows [N]. r, nu_b: from `sight_column`. nis_sum and det_product gather nu' S^-1 nu and det S over the sweep's
+    returns.
+    """
+    for p in range(mx.size):
+        step_x, step_y, pxx[p], pxy[p], pyy[p], nis, det = assimilate_sighted(
+            mx[p] - x[p], my[p] - y[p], pxx[p], pxy[p], pyy[p], r[p], nu_b[p], distance, var_r, var_b
         )
         mx[p] += step_x
         my[p] += step_y
@@ -149,7 +186,7 @@ def share_outside(mx, my, pxx, pxy, pyy, x, y, cosine, sine, w, distance, cb, sb
     return share
 
 
-@subroutine
+@disjoint
 def gather_weights(log_w, nis_sum, det_product):
     """Put the gathered likelihoods into the log weights, and start gathering anew. Eq. (13), Wu and Sun 2013."""
     for p in range(log_w.size):

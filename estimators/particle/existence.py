@@ -30,7 +30,9 @@ def note_missed(n_z, ranges, bearings, model, count, pose, maps, exists, used, s
             if not 0.0 < r < model.max_range:
                 continue
             ux, uy = dx / r, dy / r
-            bearing = angle_between(ux * scratch[0, p] + uy * scratch[1, p], uy * scratch[0, p] - ux * scratch[1, p])
+            bearing = angle_between(
+                ux * scratch[0, p] + uy * scratch[1, p], uy * scratch[0, p] - ux * scratch[1, p], 1.0
+            )
             spread = math.sqrt(m[2, p] + m[4, p])
             range_std, bearing_std = noise_std(model, r)
             if not should_be_seen(model, r, bearing, range_std + spread, bearing_std + spread / r):

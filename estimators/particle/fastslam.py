@@ -6,6 +6,7 @@ import numpy as np
 
 from estimators.interface import Floats, Ints, Scan
 from estimators.kernels.association import DROPPED, NEW, TARGET_SLOT, slot_by_label
+from estimators.kernels.borrow import borrow
 from estimators.kernels.jit import jit
 from estimators.models import NO_TARGET
 from estimators.particle.columns import gather_weights
@@ -37,6 +38,9 @@ def propose_lanes(
     proposed: [L, K] written, for the update that follows. A sweep without a usable return leaves the poses as they
     are; a target whose heading is open takes no part here, its likelihood is weighed given the drawn pose.
     """
+    ids, pose, pose_cov, maps, points = borrow(ids), borrow(pose), borrow(pose_cov), borrow(maps), borrow(points)
+    ancestors, index, target = borrow(ancestors), borrow(index), borrow(target)
+    log_w, w, scratch, normals = borrow(log_w), borrow(w), borrow(scratch), borrow(normals)
     for lane in lanes:
         begin_sweep(pose[lane], scratch)
         taken, usable = 0, 0

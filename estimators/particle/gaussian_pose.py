@@ -9,12 +9,12 @@ Kalman form: the covariance of one odometry step has rank 2 and a known start no
 import math
 
 from estimators.kernels.elementary import sincos, wrap_smooth
-from estimators.kernels.jit import inline, subroutine
+from estimators.kernels.jit import disjoint, inline, subroutine
 from estimators.kernels.motion import calibrated, control_std
 from estimators.kernels.range_bearing import noise_std
 from estimators.models import BICYCLE
 from estimators.particle.layout import DRAW_POSE
-from estimators.particle.proposal import draw_normals
+from estimators.particle.proposal import draw_normals, trigonometry
 from estimators.particle.target import fit_point, gather_terms
 
 POSE_COV_ROWS = 6
@@ -69,8 +69,13 @@ def displacement_cov(dx, dy, p00, p01, p11, c00, c01, c02, c11, c12, c22):
 @subroutine
 def displacement_rows(pose, cov, mx, my, p00, p01, p11, out):
     """`displacement_cov` of one point in every particle. out: [3, N], written."""
-    x, y, c00, c01, c02, c11, c12, c22 = pose[0], pose[1], cov[0], cov[1], cov[2], cov[3], cov[4], cov[5]
-    q00, q01, q11 = out[0], out[1], out[2]
+    _displacement_rows(
+        pose[0], pose[1], cov[0], cov[1], cov[2], cov[3], cov[4], cov[5], mx, my, p00, p01, p11, out[0], out[1], out[2]
+    )
+
+
+@disjoint
+def _displacement_rows(x, y, c00, c01, c02, c11, c12, c22, mx, my, p00, p01, p11, q00, q01, q11):
     for p in range(mx.size):
         q00[p], q01[p], q11[p] = displacement_cov(
             mx[p] - x[p], my[p] - y[p], p00[p], p01[p], p11[p], c00[p], c01[p], c02[p], c11[p], c12[p], c22[p]
@@ -106,9 +111,15 @@ def conditioned(dx, dy, c00, c01, c02, c11, c12, c22, b0, b1, a00, a01, a11):
 @subroutine
 def condition_poses(pose, cov, mx, my, terms, cosine, sine):
     """Every pose conditioned on one return of the point (mx, my); its new cosine and sine. terms: [7, N], see `fit`."""
-    x, y, heading = pose[0], pose[1], pose[2]
-    c00, c01, c02, c11, c12, c22 = cov[0], cov[1], cov[2], cov[3], cov[4], cov[5]
-    b0, b1, a00, a01, a11 = terms[0], terms[1], terms[2], terms[3], terms[4]
+    _condition_rows(
+        pose[0], pose[1], pose[2], cov[0], cov[1], cov[2], cov[3], cov[4], cov[5], mx, my, terms[0], terms[1],
+        terms[2], terms[3], terms[4],
+    )  # fmt: skip
+    trigonometry(pose[2], cosine, sine)
+
+
+@disjoint
+def _condition_rows(x, y, heading, c00, c01, c02, c11, c12, c22, mx, my, b0, b1, a00, a01, a11):
     for p in range(mx.size):
         step_x, step_y, step_h, c00[p], c01[p], c02[p], c11[p], c12[p], c22[p] = conditioned(
             mx[p] - x[p], my[p] - y[p], c00[p], c01[p], c02[p], c11[p], c12[p], c22[p],
@@ -116,9 +127,7 @@ def condition_poses(pose, cov, mx, my, terms, cosine, sine):
         )  # fmt: skip
         x[p] += step_x
         y[p] += step_y
-        turned = wrap_smooth(heading[p] + step_h)
-        heading[p] = turned
-        sine[p], cosine[p] = sincos(turned)
+        heading[p] = wrap_smooth(heading[p] + step_h)
 
 
 @subroutine

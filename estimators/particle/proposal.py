@@ -5,7 +5,7 @@ import math
 import numpy as np
 
 from estimators.kernels.elementary import log, sincos, sincos_turn, wrap_smooth
-from estimators.kernels.jit import inline, jit, subroutine
+from estimators.kernels.jit import disjoint, inline, jit, subroutine
 from estimators.kernels.motion import calibrated, control_std
 from estimators.kernels.random import philox
 from estimators.models import BICYCLE
@@ -28,7 +28,7 @@ def draw_normals(key, step, purpose, normals):
     _box_muller(c, d)
 
 
-@subroutine
+@disjoint
 def _box_muller(u, turn):
     for i in range(u.size):
         r = math.sqrt(-2.0 * log(u[i]))
@@ -101,7 +101,7 @@ def _move_half(x, y, heading, noise_way, noise_shift, way, way_std, shift, shift
         heading[p] = wrap_smooth(heading[p] + turn)
 
 
-@subroutine
+@disjoint
 def trigonometry(heading, cosine, sine):
     """Cosine and sine of each particle's heading, once per update."""
     for p in range(heading.size):

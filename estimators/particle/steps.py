@@ -7,11 +7,12 @@ draws are functions of its own key and step, so that L lanes are L single runs b
 import math
 
 from estimators.kernels.association import DROPPED, NEW, TARGET_SLOT, slot_by_label
+from estimators.kernels.borrow import borrow
 from estimators.kernels.jit import jit, subroutine
 from estimators.kernels.range_bearing import noise_std
 from estimators.kernels.resampling import move_columns
 from estimators.models import NO_TARGET, TWIST
-from estimators.particle.columns import gather_weights, share_outside, start_column, update_column
+from estimators.particle.columns import gather_weights, share_outside, sight_column, start_column, update_column
 from estimators.particle.islands import draw_survivors, weigh
 from estimators.particle.layout import DRAW_MOTION, HEADINGS, OPEN, REFUSED
 from estimators.particle.looks import UNSCENTED
@@ -53,6 +54,9 @@ def update_lanes(
     kind: UNSCENTED (see `looks`) for landmarks by sigma points, else by Jacobians.
     proposed: [L, K] what a proposal has made of each return (see `layout`); all `OPEN` where poses are drawn blindly.
     """
+    ids, pose, maps, points, ancestors = borrow(ids), borrow(pose), borrow(maps), borrow(points), borrow(ancestors)
+    index, target, log_hypothesis = borrow(index), borrow(target), borrow(log_hypothesis)
+    log_w, w, scratch = borrow(log_w), borrow(w), borrow(scratch)
     for lane in lanes:
         begin_sweep(pose[lane], scratch)
         taken = 0
@@ -149,9 +153,9 @@ def take_landmark(
             var_b,
         )  # fmt: skip
         return 1
-    update_column(
-        m[0], m[1], m[2], m[3], m[4], x, y, cosine, sine, likelihood[0], likelihood[1], distance, cb, sb, var_r, var_b
-    )
+    r, nu_b = scratch[4], scratch[5]
+    sight_column(m[0], m[1], x, y, cosine, sine, cb, sb, r, nu_b)
+    update_column(m[0], m[1], m[2], m[3], m[4], x, y, r, nu_b, likelihood[0], likelihood[1], distance, var_r, var_b)
     return 1
 
 

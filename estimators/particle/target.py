@@ -11,9 +11,9 @@ import numpy as np
 
 from estimators.kernels.elementary import log, sincos, wrap_smooth
 from estimators.kernels.iterated import linearised, refine
-from estimators.kernels.jit import inline, jit, subroutine
+from estimators.kernels.jit import disjoint, inline, jit, subroutine
 from estimators.models import TWIST
-from estimators.particle.columns import beam_cov, fit
+from estimators.particle.columns import beam_cov, fit_column, sight_column
 from estimators.particle.layout import HEADINGS
 
 SETTLED = 0.98  # mean length of the particles' resultant direction above which the hypotheses are merged
@@ -145,21 +145,25 @@ def fit_point(tx, ty, p00, p01, p11, terms, x, y, cosine, sine, distance, cb, sb
     position, whose last linearisation gives the terms.
     """
     t0, t1, t2, t3, t4, t5, t6 = terms[0], terms[1], terms[2], terms[3], terms[4], terms[5], terms[6]
+    sight_column(tx, ty, x, y, cosine, sine, cb, sb, t0, t1)
+    fit_column(tx, ty, p00, p01, p11, x, y, t0, t1, t2, t3, t4, t5, t6, distance, var_r, var_b)
     limit = (spread * distance) ** 2
-    lost = False
-    for p in range(x.size):
-        beam_x, beam_y = cb * cosine[p] - sb * sine[p], sb * cosine[p] + cb * sine[p]
-        t0[p], t1[p], t2[p], t3[p], t4[p], t5[p], t6[p] = fit(
-            tx[p] - x[p], ty[p] - y[p], p00[p], p01[p], p11[p], distance, beam_x, beam_y, var_r, var_b
-        )
-        lost = lost | (p00[p] + p11[p] > limit)
-    if lost:
+    if largest_sum(p00, p11) > limit:
         for p in range(x.size):
             if p00[p] + p11[p] > limit:
                 beam_x, beam_y = cb * cosine[p] - sb * sine[p], sb * cosine[p] + cb * sine[p]
                 t0[p], t1[p], t2[p], t3[p], t4[p], t5[p], t6[p] = _iterate(
                     tx[p] - x[p], ty[p] - y[p], p00[p], p01[p], p11[p], distance, beam_x, beam_y, var_r, var_b
                 )
+
+
+@disjoint
+def largest_sum(a, b):
+    """The largest of a + b, rows [N]."""
+    largest = -math.inf
+    for p in range(a.size):
+        largest = max(largest, a[p] + b[p])
+    return largest
 
 
 @subroutine

@@ -76,7 +76,7 @@ def _factor(cov, p, L):
 def _ray(dx, dy, ux, uy):
     """Range of a displacement and its angle from the direction (ux, uy)."""
     r = max(math.sqrt(dx * dx + dy * dy), _CLOSEST)
-    return r, angle_between((ux * dx + uy * dy) / r, (ux * dy - uy * dx) / r)
+    return r, angle_between((ux * dx + uy * dy) / r, (ux * dy - uy * dx) / r, 1.0)
 
 
 @subroutine
@@ -122,7 +122,7 @@ def condition_unscented(pose, cov, p, looks, n_z, work):
         sine, cosine = sincos(pose[2, p])
         beam_x, beam_y = look[6] * cosine - look[7] * sine, look[7] * cosine + look[6] * sine
         nu0 = look[5] - r0 - e0
-        nu1 = wrap_smooth(angle_between(ux * beam_x + uy * beam_y, ux * beam_y - uy * beam_x) - e1)
+        nu1 = wrap_smooth(angle_between(ux * beam_x + uy * beam_y, ux * beam_y - uy * beam_x, 1.0) - e1)
         det = s00 * s11 - s01 * s01
         i00, i01, i11 = s11 / det, -s01 / det, s00 / det
         w0, w1 = i00 * nu0 + i01 * nu1, i01 * nu0 + i11 * nu1
@@ -160,7 +160,7 @@ def assimilate_unscented(dx, dy, p00, p01, p11, distance, beam_x, beam_y, var_r,
     x0, x1 = l00 * a0 / _ROOT_2, l00 * a1 / _ROOT_2
     y0, y1 = (l10 * a0 + l11 * c0) / _ROOT_2, (l10 * a1 + l11 * c1) / _ROOT_2
     nu0 = distance - r0 - e0
-    nu1 = angle_between(ux * beam_x + uy * beam_y, ux * beam_y - uy * beam_x) - e1
+    nu1 = angle_between(ux * beam_x + uy * beam_y, ux * beam_y - uy * beam_x, 1.0) - e1
     det = s00 * s11 - s01 * s01
     i00, i01, i11 = s11 / det, -s01 / det, s00 / det
     w0, w1 = i00 * nu0 + i01 * nu1, i01 * nu0 + i11 * nu1

@@ -16,7 +16,7 @@ def _apply(sin_of, cos_of, turn_sin, turn_cos, logs, exps, between, angles, posi
         turn_sin[i], turn_cos[i] = elementary.sincos_turn(abs(angles[i]) / 10.0)
         logs[i] = elementary.log(positive[i])
         exps[i] = elementary.exp_nonpositive(negative[i])
-        between[i] = elementary.angle_between(math.cos(angles[i]), math.sin(angles[i]))
+        between[i] = elementary.angle_between(3.0 * math.cos(angles[i]), 3.0 * math.sin(angles[i]), 3.0)
 
 
 @pytest.fixture(scope="module")
@@ -65,7 +65,7 @@ def test_angle_between(values):
 def test_opposite_directions_give_half_a_turn():
     @jit
     def between(dot, cross):
-        return elementary.angle_between(dot, cross)
+        return elementary.angle_between(dot, cross, 1.0)
 
     assert between(-1.0, 0.0) == pytest.approx(math.pi)
     assert between(-1.0, 1e-20) == pytest.approx(math.pi)
