@@ -91,6 +91,9 @@ class Cloud(Protocol):
     def points(self) -> tuple[Floats, Floats]:
         """Positions [L, N, 2] and weights [L, N]."""
 
+    def foresee(self, lane: int, dt: float, ahead: Floats) -> None:
+        """Where one lane's points will be after dt, 2 dt, ... seconds, into `ahead` [T, N, 2]."""
+
 
 class Belief:
     """What an estimator believes, the same shape for every family. Buffers, valid until the estimator's next call.
@@ -217,13 +220,26 @@ class Belief:
         Raises:
             RuntimeError: no cloud accompanies the estimator.
         """
+        return self._attached_cloud().points()
+
+    def foresee_target(self, lane: int, dt: float, ahead: Floats) -> None:
+        """Where the points of one lane's `target_cloud` will be after dt, 2 dt, ... seconds, into `ahead` [T, N, 2].
+
+        One way that each may go, drawn from the target's model; the weights stay.
+
+        Raises:
+            RuntimeError: no cloud accompanies the estimator.
+        """
+        self._attached_cloud().foresee(lane, dt, ahead)
+
+    def _attached_cloud(self) -> Cloud:
         if self._cloud is None:
             raise RuntimeError(
                 "no target cloud accompanies this estimator: build estimators.TargetCloud(estimator, num_points=256) "
                 "and call its predict and update after the estimator's; in an environment pass target_cloud=256; a "
                 "policy class sets needs_target_cloud = 256"
             )
-        return self._cloud.points()
+        return self._cloud
 
     def particles(self, lane: int) -> tuple[Floats, Floats]:
         """Poses [N, 3] and weights [N] of one lane's particles, as copies.

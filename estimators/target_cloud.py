@@ -8,11 +8,13 @@ from numpy.typing import ArrayLike, NDArray
 
 from estimators.interface import TARGET, Bools, Estimator, Floats, Ints, Scan
 from estimators.kernels.cloud_evidence import detection, resample, weigh
+from estimators.kernels.cloud_flight import PRIOR, flees, run_away
 from estimators.kernels.cloud_motion import ROWS, THRESHOLD, X, Y, draw_anywhere, draw_from_belief, move_points
 from estimators.kernels.jit import inline, jit
 from estimators.kernels.random import lane_key
 
 FOLLOWING, LOST = 0, 1  # of a lane: the Gaussian belief says all; the points do
+_NEVER = -math.inf  # log odds that a target flees, where that is not learned
 _KEY_PURPOSE = 23  # keeps the cloud's stream apart from others that are given the same seed
 _TARGET_LABEL = TARGET
 _BELIEF = (
@@ -41,13 +43,56 @@ def _born_anywhere(lane, rows, w, key, step, mode, models, pose, settings):
 
 
 @jit
-def _move(lanes, rows, noise, key, step, mode, models, dt, settings):
+def _move(lanes, rows, noise, key, step, mode, models, dt, pose, evasion, settings):
     """Points of lost targets move on."""
     for i in range(lanes.size):
         lane = lanes[i]
         step[lane] += 1
         if mode[lane] == LOST:
+            if evasion[lane] > _NEVER:
+                run_away(evasion[lane], rows[lane], pose[lane, 0], pose[lane, 1], models[lane].max_range, settings)
             move_points(rows[lane], noise, key[lane], step[lane], models[lane], dt[lane], settings)
+
+
+@jit
+def _foresee(lane, rows, key, step, mode, models, known, belief, dt, pose, evasion, settings, scratch, noise, ahead):
+    """Positions of one lane's points at each of the coming steps, into `ahead` [T, N, 2]; the cloud stays as it is."""
+    position, position_cov, velocity, velocity_cov, heading, heading_var = belief
+    if mode[lane] == FOLLOWING and known[lane]:
+        draw_from_belief(
+            lane, scratch, key[lane], step[lane], models[lane], position, position_cov, velocity, velocity_cov,
+            heading, heading_var,
+        )  # fmt: skip
+    else:
+        scratch[:] = rows[lane]
+    for t in range(ahead.shape[0]):
+        if evasion[lane] > _NEVER:
+            run_away(evasion[lane], scratch, pose[lane, 0], pose[lane, 1], models[lane].max_range, settings)
+        move_points(scratch, noise, key[lane], step[lane] + 1 + t, models[lane], dt, settings)
+        for p in range(ahead.shape[1]):
+            ahead[t, p, 0], ahead[t, p, 1] = scratch[X, p], scratch[Y, p]
+
+
+@inline
+def _is_seen(lane, labels, count):
+    """Whether the target is among a sweep's returns."""
+    seen = False
+    for k in range(count[lane]):
+        seen = seen or labels[lane, k] == _TARGET_LABEL
+    return seen
+
+
+@jit
+def _learn(lanes, labels, count, known, pose, position, velocity, since, models, evasion, settings):
+    """Whether targets that are seen flee: log odds `evasion` [L], from courses; since [L] seconds since a sweep."""
+    for i in range(lanes.size):
+        lane = lanes[i]
+        if known[lane] and _is_seen(lane, labels, count):
+            evasion[lane] = flees(
+                evasion[lane], pose[lane, 0], pose[lane, 1], position[lane, 0], position[lane, 1], velocity[lane, 0],
+                velocity[lane, 1], models[lane].max_range, since[lane], settings,
+            )  # fmt: skip
+        since[lane] = 0.0
 
 
 @jit
@@ -59,10 +104,8 @@ def _look(labels, count, lanes, known, complete, mode, missed):
     """
     n = 0
     for i in range(lanes.size):
-        lane, seen = lanes[i], False
-        for k in range(count[lane]):
-            seen = seen or labels[lane, k] == _TARGET_LABEL
-        if seen:
+        lane = lanes[i]
+        if _is_seen(lane, labels, count):
             mode[lane] = FOLLOWING if known[lane] else mode[lane]
         elif complete[lane]:
             missed[n] = lane
@@ -133,7 +176,10 @@ class TargetCloud:
        that the sensor would have reported the point: `detection_probability` if it is in range, in the field of view
        and behind no mapped pillar (`SensorModel.landmark_radius` about the landmarks' means). Edges are as soft as
        pose and pillars are uncertain;
-    4. below `threshold` x N effective points they are resampled systematically, the copies roughened, and a share
+    4. with `evasive`, whether the target flees is learned while it is seen (`estimators.kernels.cloud_flight`): log
+       odds of courses straight away from the robot against others. As many points as it is likely to then flee from
+       a robot within the sensor's range, and along the walls;
+    5. below `threshold` x N effective points they are resampled systematically, the copies roughened, and a share
        `scatter` of them is born anew anywhere, so that a wrong model can be unlearned.
 
     The points stand in `belief.target_cloud`: positions [L, N, 2] in the world's frame and weights [L, N] that sum to
@@ -147,6 +193,7 @@ class TargetCloud:
         num_points: N.
         arena: (width, height) [m] about the origin in which the target moves; None: no bounds known.
         negative_information: False: sweeps without a return say nothing (for comparison).
+        evasive: whether to learn that the target flees.
         turn_rate: [1/s] at which a lost target takes a new direction.
         prior_radius: [m] of the disc without an arena; None: twice the sensor's range.
         scatter: share of points born anew at each resampling, in [0, 1].
@@ -168,6 +215,7 @@ class TargetCloud:
         *,
         arena: tuple[float, float] | None = None,
         negative_information: bool = True,
+        evasive: bool = False,
         turn_rate: float = 0.25,
         prior_radius: float | None = None,
         scatter: float = 0.01,
@@ -189,6 +237,7 @@ class TargetCloud:
             _check_range(name, value, 0.0, 1.0)
         _check_range("miss_floor", miss_floor, 1e-12, 1.0)
         self.estimator, self.num_points, self.negative_information = estimator, int(num_points), negative_information
+        self.evasive = bool(evasive)
         self._settings = tuple(
             map(float, (half_width, half_height, radius, turn_rate, scatter, roughening, miss_floor, threshold))
         )
@@ -198,7 +247,10 @@ class TargetCloud:
         self._key = np.zeros(L, dtype=np.uint64)
         self._step: Ints = np.zeros(L, dtype=np.int64)
         self._mode: Ints = np.full(L, FOLLOWING, dtype=np.int64)
+        self._evasion: Floats = np.full(L, PRIOR if evasive else _NEVER)
+        self._since: Floats = np.zeros(L)
         self._scratch: Floats = np.zeros((ROWS, N))
+        self._noise: Floats = np.zeros((3, N))
         self._whole: Ints = np.zeros((3, N), dtype=np.int64)
         self._missed: Ints = np.zeros(L, dtype=np.int64)
         self._points: Floats = np.zeros((L, N, 2))
@@ -216,6 +268,9 @@ class TargetCloud:
         chosen = self.estimator.all_lanes if lanes is None else np.asarray(lanes, dtype=np.int64)
         for lane, seed in zip(chosen, np.broadcast_to(np.asarray(seeds, dtype=np.int64), chosen.shape), strict=True):
             self._key[lane] = lane_key(int(seed), _KEY_PURPOSE)
+        if self.evasive:
+            self._evasion[chosen] = PRIOR
+        self._since[chosen] = 0.0
         belief = self.estimator.belief
         _begin(
             chosen, self._rows, self._w, self._key, self._step, self._mode, self.estimator.models, belief.target_known,
@@ -226,10 +281,12 @@ class TargetCloud:
     def predict(self, dt: float | Floats, lanes: Ints | None = None) -> None:
         """Move the points of lost targets by dt seconds (scalar or [L])."""
         steps = np.broadcast_to(np.asarray(dt, dtype=np.float64), (self.estimator.num_lanes,))
+        chosen = self.estimator.all_lanes if lanes is None else lanes
         _move(
-            self.estimator.all_lanes if lanes is None else lanes, self._rows, self._scratch, self._key, self._step,
-            self._mode, self.estimator.models, steps, self._settings,
+            chosen, self._rows, self._scratch, self._key, self._step, self._mode, self.estimator.models, steps,
+            self._pose(), self._evasion, self._settings,
         )  # fmt: skip
+        self._since[chosen] += steps[chosen]
         self._stale = True
 
     def update(self, scan: Scan, lanes: Ints | None = None) -> None:
@@ -237,6 +294,11 @@ class TargetCloud:
         chosen = self.estimator.all_lanes if lanes is None else lanes
         belief = self.estimator.belief
         known = belief.target_known
+        if self.evasive:
+            _learn(
+                chosen, scan.labels, scan.count, known, belief.pose, belief.target_position, belief.target_velocity,
+                self._since, self.estimator.models, self._evasion, self._settings,
+            )  # fmt: skip
         n = _look(scan.labels, scan.count, chosen, known, scan.complete, self._mode, self._missed)
         self._stale = True
         if n == 0:
@@ -248,6 +310,11 @@ class TargetCloud:
             belief.landmark_rel_cov, self.negative_information, self._settings, self._scratch[0], copies, source,
             destination,
         )  # fmt: skip
+
+    def _pose(self) -> Floats:
+        """[L, 3] of the robots that targets may flee from; where none does nobody reads it, and it is not refreshed."""
+        belief = self.estimator.belief
+        return belief.pose if self.evasive else np.asarray(belief.buffers["pose"])
 
     def _gaussian(self) -> tuple[Any, ...]:
         belief = self.estimator.belief
@@ -263,9 +330,21 @@ class TargetCloud:
             )  # fmt: skip
         return self._points, self._weights
 
+    def foresee(self, lane: int, dt: float, ahead: Floats) -> None:
+        """Where one lane's points will be after dt, 2 dt, ... seconds if nothing is seen: written to `ahead` [T, N, 2].
+
+        One way that each may go, drawn from the model they move by; the cloud itself stays as it is.
+        """
+        _foresee(
+            lane, self._rows, self._key, self._step, self._mode, self.estimator.models,
+            self.estimator.belief.target_known, self._gaussian(), dt, self._pose(), self._evasion,
+            self._settings, self._scratch, self._noise, ahead,
+        )  # fmt: skip
+
     def get_state(self) -> dict[str, NDArray[Any]]:
         """Everything that changes between calls, as copies; `set_state` goes on from there bit for bit."""
-        arrays = {"rows": self._rows, "w": self._w, "key": self._key, "step": self._step, "mode": self._mode}
+        arrays = {"rows": self._rows, "w": self._w, "key": self._key, "step": self._step, "mode": self._mode,
+                  "evasion": self._evasion, "since": self._since}  # fmt: skip
         return {name: array.copy() for name, array in arrays.items()}
 
     def set_state(self, state: dict[str, NDArray[Any]]) -> None:

@@ -6,9 +6,9 @@ from typing import Any, Literal
 import numpy as np
 
 from agents.planning.beam import PURSUE, best_command
+from agents.planning.pursuit_hunt import PursuitHunt
 from agents.planning.state import MARK, from_joint, from_marginals
 from agents.scripted.pursuit import Pursuit
-from agents.scripted.pursuit_search import PursuitSearch
 from estimators.interface import Belief
 from estimators.models import pack_models
 from estimators.registry import unknown_name
@@ -17,6 +17,7 @@ from slam_gym.policies import Floats, Ints, Policy, PolicyContext
 COMMANDS = ((0.0, 0.0), (1.0, 0.0), (1.0, 0.5), (1.0, -0.5), (1.0, 1.0), (1.0, -1.0), (0.4, 1.0), (0.4, -1.0),
             (0.0, 1.0), (0.0, -1.0), (0.0, 0.0))  # fmt: skip
 """What a segment may do, as shares of the highest speed and turn rate; the first stands for pursuit."""
+_LOST, _LOST_SEARCHING = 1.0, 0.3  # [m] a cloud that knows where nothing was seen is worth asking sooner
 _HARD = -1.0  # softness that makes every edge of the visibility hard
 _NO_SPEED_LIMIT = 1e6  # [m/s] or [rad/s] in the place of infinity, which a plan cannot be made with
 
@@ -46,7 +47,7 @@ class RecedingHorizon(Policy):
     improves the target as well. Estimators without a joint Gaussian (`belief.joint`) are planned on a joint built from
     marginals and covariances relative to the robot (`agents.planning.state.from_marginals`).
 
-    While the target is lost (uncertain by more than `lost_std` relative to the robot, or never seen) `pursuit-search`
+    While the target is lost (uncertain by more than `lost_std` relative to the robot, or never seen) `pursuit-hunt`
     drives, with `search=False` `pursuit`.
 
     Weakness: the target is predicted straight on, so plans beyond two seconds are about a target that will have turned:
@@ -79,8 +80,8 @@ class RecedingHorizon(Policy):
         visibility: "soft", or "hard": seen or not by the mean alone, for comparison.
         softness: [m] added to the deviation that softens edges.
         agility: [m/s per sqrt(s)] of the target in plans; None: its model's acceleration density.
-        search: whether a lost target is looked for by `pursuit-search`.
-        lost_std: [m] uncertainty at which the target counts as lost.
+        search: whether a lost target is looked for by `pursuit-hunt`.
+        lost_std: [m] uncertainty at which the target counts as lost; None: 0.3 with `search`, else 1.
 
     Raises:
         ValueError: an impossible number, or another visibility.
@@ -108,13 +109,15 @@ class RecedingHorizon(Policy):
         softness: float = 0.15,
         agility: float | None = None,
         search: bool = True,
-        lost_std: float = 1.0,
+        lost_std: float | None = None,
     ) -> None:
         super().__init__(context, num_lanes)
         name = type(self).__name__
         for option, count in (("horizon", horizon), ("beam", beam), ("landmarks", landmarks)):
             if isinstance(count, bool) or not isinstance(count, int) or not 1 <= count <= 64:
                 raise ValueError(f"{name}: {option} must be a whole number from 1 to 64; got {count!r}")
+        if lost_std is None:
+            lost_std = _LOST_SEARCHING if search else _LOST
         numbers = {
             "segment": segment, "pose_weight": pose_weight, "unseen_weight": unseen_weight,
             "distance_weight": distance_weight, "stand_off": stand_off, "pillar_weight": pillar_weight,
@@ -126,7 +129,7 @@ class RecedingHorizon(Policy):
                 raise ValueError(f"{name}: {option} must be a finite number that is zero or more; got {value!r}")
         if visibility not in ("soft", "hard"):
             raise ValueError(f"{name}: {unknown_name('visibility', str(visibility), ['soft', 'hard'])}")
-        kind = PursuitSearch if search else Pursuit
+        kind = PursuitHunt if search else Pursuit
         self._fallback = kind(context, num_lanes, stand_off=float(stand_off), lost_std=float(lost_std))
         self.needs_target_cloud = self._fallback.needs_target_cloud
         self.target_cloud_options = dict(self._fallback.target_cloud_options)
@@ -239,8 +242,8 @@ class GreedyInfo(RecedingHorizon):
         distance_weight: of the squared distance off the stand-off.
         stand_off: [m] distance to the target.
         visibility: "soft" or "hard", see `receding-horizon`.
-        search: whether a lost target is looked for by `pursuit-search`.
-        lost_std: [m] uncertainty at which the target counts as lost.
+        search: whether a lost target is looked for by `pursuit-hunt`.
+        lost_std: [m] uncertainty at which the target counts as lost; None: 0.3 with `search`, else 1.
 
     Raises:
         ValueError: an impossible number, or another visibility.
@@ -260,7 +263,7 @@ class GreedyInfo(RecedingHorizon):
         stand_off: float = 1.5,
         visibility: Literal["soft", "hard"] = "soft",
         search: bool = True,
-        lost_std: float = 1.0,
+        lost_std: float | None = None,
     ) -> None:
         super().__init__(
             context, num_lanes, horizon=1, beam=1, segment=segment, pose_weight=pose_weight,

@@ -82,3 +82,63 @@ def test_an_incomplete_sweep_is_no_evidence():
     scan.complete[:] = False
     _step(estimator, cloud, scan)
     assert np.all(estimator.belief.target_cloud[1] == 1.0 / 500)
+
+
+@pytest.mark.parametrize("evasive", [False, True])
+@pytest.mark.parametrize("seen", [False, True])
+def test_what_is_foreseen_is_what_comes_if_nothing_is_seen(evasive, seen):
+    estimator = _estimator()
+    cloud = TargetCloud(estimator, 300, arena=ARENA, evasive=evasive)
+    cloud.reset(None, [1, 2])
+    for _ in range(5):
+        _step(estimator, cloud, _scan(2, *([(4.0, 0.2, TARGET)] if seen else [])))
+    _step(estimator, cloud, _scan(2))
+    ahead, before = np.zeros((12, 300, 2)), cloud.get_state()
+    estimator.belief.foresee_target(1, 0.4, ahead)
+    assert all(np.array_equal(before[name], array) for name, array in cloud.get_state().items())
+    for expected in ahead:
+        cloud.predict(0.4)
+        np.testing.assert_array_equal(estimator.belief.target_cloud[0][1], expected)
+
+
+def test_a_target_in_view_is_foreseen_from_its_gaussian():
+    estimator = _estimator()
+    cloud = TargetCloud(estimator, 1000, arena=ARENA, turn_rate=0.0)
+    cloud.reset(None, [1, 2])
+    for k in range(20):
+        _step(estimator, cloud, _scan(2, (3.0 + 0.05 * k, 0.0, TARGET)))
+    ahead = np.zeros((2, 1000, 2))
+    cloud.foresee(0, 0.5, ahead)
+    belief = estimator.belief
+    for k, places in enumerate(ahead):
+        expected = belief.target_position[0] + 0.5 * (k + 1) * belief.target_velocity[0]
+        np.testing.assert_allclose(places.mean(axis=0), expected, atol=0.05)
+
+
+def test_a_cloud_learns_whether_its_target_flees_and_forgets_it_at_a_reset():
+    """One lane sees a target that runs straight off, the other one that passes across; both 2 to 5 m away."""
+    estimator = _estimator()
+    cloud = TargetCloud(estimator, 400, arena=ARENA, evasive=True)
+    cloud.reset(None, [1, 2])
+    start = cloud.get_state()["evasion"]
+    for k in range(30):
+        scan = _scan(2, (0.0, 0.0, TARGET))
+        scan.ranges[0, 0], scan.bearings[0, 0] = 2.0 + 0.1 * k, 0.3
+        scan.ranges[1, 0], scan.bearings[1, 0] = np.hypot(4.0, 1.5 - 0.1 * k), np.arctan2(1.5 - 0.1 * k, 4.0)
+        _step(estimator, cloud, scan)
+    learned = cloud.get_state()["evasion"]
+    assert learned[0] > start[0] + 1.0
+    assert learned[1] < start[1] - 1.0
+    cloud.reset(np.array([0]), [3])
+    assert cloud.get_state()["evasion"].tolist() == [start[0], learned[1]]
+    cloud.set_state({**cloud.get_state(), "evasion": learned})
+    assert np.array_equal(cloud.get_state()["evasion"], learned)
+
+
+def test_a_cloud_that_does_not_learn_it_moves_as_ever():
+    estimator = _estimator()
+    cloud = TargetCloud(estimator, 50, arena=ARENA)
+    cloud.reset(None, [1, 2])
+    for k in range(10):
+        _step(estimator, cloud, _scan(2, (2.0 + 0.1 * k, 0.0, TARGET)))
+    assert np.isneginf(cloud.get_state()["evasion"]).all()
