@@ -59,12 +59,10 @@ def systematic(w, u, copies):
     reached, drawn, last = 0.0, 0, 0
     for p in range(n):
         reached += w[p] * n
-        copies[p] = 0
-        if w[p] > 0.0:
-            last = p
-        while drawn < n and drawn + u < reached:
-            copies[p] += 1
-            drawn += 1
+        now = min(int(math.ceil(reached - u)), n)  # how many of u, 1 + u, 2 + u, ... lie below
+        copies[p] = now - drawn
+        drawn = now
+        last = p if w[p] > 0.0 else last
     copies[last] += n - drawn  # the sum of the weights fell short of one by rounding
 
 
@@ -81,12 +79,10 @@ def moves(copies, source, destination):
     """
     count, dead = 0, 0
     for p in range(copies.size):
+        destination[dead] = p  # stays if p is dead, else the next one is written over it
+        dead += copies[p] == 0
         for _ in range(copies[p] - 1):
-            while copies[dead] > 0:
-                dead += 1
             source[count] = p
-            destination[count] = dead
-            dead += 1
             count += 1
     return count
 

@@ -12,7 +12,7 @@ One lane of a store:
     columns   [C, 5, N]   buffers of columns in use; C grows with need
     points    [M, 5]      the collapsed landmarks
     ancestors [E, N]      per epoch
-    index     [6, W]      see the names below
+    index     [7, W]      see the names below
 
 In dense storage landmark j is columns[j], and every resampling moves all of them. In a tree (`tree_storage`: `points`
 are its leaves, `ancestors` [P, 3] its nodes) a column is gathered from the leaves into a buffer when it is touched, and
@@ -45,10 +45,11 @@ EPOCH = 1  # [M] of a landmark: row of `ancestors`; CURRENT: in the particles' p
 FREE = 2  # [C] stack of unused buffers
 USERS = 3  # [E] landmarks per row of ancestors
 TOUCHED = 4  # [M] stack of the landmarks that are current
+LOWEST = 6  # [E] the first landmark of a row of ancestors
 KIND = 3
 """In row SIZES: [0] height of FREE; [1] height of TOUCHED; [2] rows of ancestors in use so far; [3] the kind of store;
 then a tree's own."""
-INDEX_ROWS, SIZES_WIDTH = 6, 11
+INDEX_ROWS, SIZES_WIDTH = 7, 11
 COLLAPSED, CURRENT = -1, -1
 MAX_EPOCHS = 256
 FIRST_BUFFERS = 64
@@ -67,7 +68,7 @@ def allocate(num_lanes, max_landmarks, num_particles, kind):
 
 
 def clear(index, buffers, kind, max_landmarks):
-    """Forget everything in these lanes. index: [n, 6, W]."""
+    """Forget everything in these lanes. index: [n, 7, W]."""
     index[:] = 0
     index[:, SIZES, KIND] = kind
     if kind == DENSE:
@@ -232,7 +233,7 @@ def move_particles(landmarks, columns, points, ancestors, index, source, destina
         while p < row.size and row[p] == row[0]:
             p += 1
         if p == row.size:
-            _collapse(landmarks, columns, points, index, epoch, row[0])
+            _collapse(columns, points, index, epoch, row[0])
 
 
 @subroutine
@@ -249,20 +250,24 @@ def _close_epoch(landmarks, columns, points, ancestors, index):
     index[SIZES, 2] = max(index[SIZES, 2], epoch + 1)
     for p in range(ancestors.shape[1]):
         ancestors[epoch, p] = p
+    index[LOWEST, epoch] = landmarks
     for i in range(index[SIZES, 1]):
         index[EPOCH, index[TOUCHED, i]] = epoch
+        index[LOWEST, epoch] = min(index[LOWEST, epoch], index[TOUCHED, i])
     index[USERS, epoch] = index[SIZES, 1]
     index[SIZES, 1] = 0
 
 
 @subroutine
-def _collapse(landmarks, columns, points, index, epoch, ancestor):
+def _collapse(columns, points, index, epoch, ancestor):
     """All particles descend from one: the epoch's columns become points."""
-    for j in range(landmarks):
-        if index[EPOCH, j] == epoch and index[BUFFER, j] != COLLAPSED:
+    j = index[LOWEST, epoch]
+    while index[USERS, epoch] > 0:
+        if index[EPOCH, j] == epoch:
             for row in range(points.shape[1]):
                 points[j, row] = columns[index[BUFFER, j], row, ancestor]
             index[FREE, index[SIZES, 0]] = index[BUFFER, j]
             index[SIZES, 0] += 1
             index[BUFFER, j], index[EPOCH, j] = COLLAPSED, CURRENT
-    index[USERS, epoch] = 0
+            index[USERS, epoch] -= 1
+        j += 1

@@ -52,8 +52,12 @@ def update_nearest_lanes(
         slot: [K, N] integer scratch. share: [K] scratch.
         exists: [L, M or 0, N] log odds of existence; limit: those below which a landmark is removed.
         how: the proposal's kind, room for its looks, samples, work, box; see `looks`.
+
+    Returns:
+        Whether some lane is to be resampled.
     """
     kind, looks, samples, work, box = how
+    is_due = False
     for lane in lanes:
         n_z = count[lane]
         begin_sweep(pose[lane], scratch)
@@ -103,6 +107,8 @@ def update_nearest_lanes(
             removed, state[lane].count = remove_unlikely(maps[lane], exists[lane], used[lane], w[lane], limit)
             state[lane].removed += int(removed + 0.5)
         finish_sweep(lane, state, target[lane], log_hypothesis[lane], log_w[lane], w[lane], islands, threshold)
+        is_due = is_due or state[lane].due != 0
+    return is_due
 
 
 @inline

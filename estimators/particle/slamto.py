@@ -181,6 +181,7 @@ class SLAMTO(Estimator):
         self._log_hypothesis = np.zeros((L, hypotheses, N))
         self._scratch = np.zeros((_SCRATCH_ROWS, N))
         self._normals = np.zeros((4, (N + 1) // 2))
+        self._is_due = False  # whether some lane is to be resampled
         self._proposed = np.zeros((L, 0), dtype=np.int64)
         self._places = np.zeros((3, N), dtype=np.int64)
         self._dt = np.zeros(L)
@@ -242,25 +243,26 @@ class SLAMTO(Estimator):
         self._resample(chosen)
         self._widen(scan)
         if self.association == "known":
-            update_lanes(
+            is_due = update_lanes(
                 chosen, scan.ranges, scan.bearings, scan.labels, scan.count, self._proposed, self.models, self._state,
                 self._ids, self._pose, self._maps, self._points, self._ancestors, self._index, self._target,
                 self._log_hypothesis, self._log_w, self._w, self._scratch, self.gate, self.islands,
                 self.resample_threshold, self._how[0],
             )  # fmt: skip
         else:
-            update_nearest_lanes(
+            is_due = update_nearest_lanes(
                 chosen, scan.ranges, scan.bearings, scan.labels, scan.count, scan.complete, self.models, self._state,
                 self._pose, self._pose_cov, self._maps, self._used, self._exists, self._target, self._log_hypothesis,
                 self._log_w, self._w, self._scratch, self._normals, *self._returns, self.match_gate, self.new_gate,
                 log_odds(self.remove_below), self.islands, self.resample_threshold, self._how,
             )  # fmt: skip
+        self._is_due = self._is_due or is_due
         self.belief.mark_stale()
 
     def _widen(self, scan: Scan) -> None:
         """Room for a sweep: scratch, and space in the map for what it may touch."""
         width = scan.ranges.shape[1]
-        if self._store != DENSE:
+        if self._store == TREE or self._maps.shape[1] <= self.max_landmarks:  # else there is room for all
             self._maps, self._points, self._ancestors = make_room(
                 self._maps, self._points, self._ancestors, self._index, int(scan.count.max()), self.max_landmarks
             )
@@ -271,8 +273,9 @@ class SLAMTO(Estimator):
             self._returns = (np.zeros(shape), np.zeros(shape), np.zeros(shape, dtype=np.int64), np.zeros(width))
 
     def _resample(self, chosen: Ints) -> None:
-        if self._store == TREE or self._state["due"].any():  # else, as is usual, not even a kernel call
+        if self._store == TREE or self._is_due:  # else, as is usual, not even a kernel call
             self._resample_lanes(chosen)
+            self._is_due = len(chosen) < self.num_lanes and bool(self._state["due"].any())
 
     def _resample_lanes(self, chosen: Ints) -> None:
         resample_lanes(
@@ -333,5 +336,6 @@ class SLAMTO(Estimator):
         """See `Estimator.set_state`."""
         for name in _STATE:
             setattr(self, f"_{name}", state[name].copy())
+        self._is_due = bool(self._state["due"].any())
         self.models[...] = state["models"]
         self.belief.mark_stale()

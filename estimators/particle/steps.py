@@ -37,6 +37,7 @@ FLUSH = 8  # determinants multiplied before their logarithm is taken: far from u
 @jit
 def move_lanes(lanes, control, dt, models, state, pose, normals):
     """Every particle draws its own motion. control [L, 2], dt [L]."""
+    pose, normals = borrow(pose), borrow(normals)
     for lane in lanes:
         if dt[lane] > 0.0:
             state[lane].step += 1
@@ -53,10 +54,12 @@ def update_lanes(
 
     kind: UNSCENTED (see `looks`) for landmarks by sigma points, else by Jacobians.
     proposed: [L, K] what a proposal has made of each return (see `layout`); all `OPEN` where poses are drawn blindly.
+    Returns whether some lane is to be resampled.
     """
     ids, pose, maps, points, ancestors = borrow(ids), borrow(pose), borrow(maps), borrow(points), borrow(ancestors)
     index, target, log_hypothesis = borrow(index), borrow(target), borrow(log_hypothesis)
     log_w, w, scratch = borrow(log_w), borrow(w), borrow(scratch)
+    is_due = False
     for lane in lanes:
         begin_sweep(pose[lane], scratch)
         taken = 0
@@ -87,6 +90,8 @@ def update_lanes(
         if taken > 0:
             gather_weights(log_w[lane], scratch[2], scratch[3])
         finish_sweep(lane, state, target[lane], log_hypothesis[lane], log_w[lane], w[lane], islands, threshold)
+        is_due = is_due or state[lane].due != 0
+    return is_due
 
 
 @subroutine
@@ -213,6 +218,13 @@ def resample_lanes(
 
     exists: [L, M or 0, N]. places: [3, N] integer scratch.
     """
+    pose, pose_cov, maps, points, ancestors = (
+        borrow(pose), borrow(pose_cov), borrow(maps), borrow(points), borrow(ancestors)
+    )  # fmt: skip
+    index, target, log_hypothesis, log_w, w = (
+        borrow(index), borrow(target), borrow(log_hypothesis), borrow(log_w), borrow(w)
+    )  # fmt: skip
+    exists, places = borrow(exists), borrow(places)
     copies, source, destination = places[0], places[1], places[2]
     for lane in lanes:
         put_away(maps[lane], points[lane], ancestors[lane], index[lane])
