@@ -21,8 +21,9 @@ put back before anything else happens to the particles: buffers hold one sweep's
 
 import numpy as np
 
-from estimators.kernels.jit import subroutine
+from estimators.kernels.jit import disjoint, subroutine
 from estimators.kernels.resampling import move_columns
+from estimators.kernels.simd import aligned_zeros
 from estimators.particle.layout import MAP_ROWS
 from estimators.particle.tree_storage import (
     LEAVES,
@@ -60,7 +61,7 @@ def allocate(num_lanes, max_landmarks, num_particles, kind):
     L, M, N = num_lanes, max_landmarks, num_particles
     buffers = {DENSE: M, LAZY: min(M + 1, FIRST_BUFFERS), TREE: 0}[kind]
     epochs = min(M, MAX_EPOCHS) + 1 if kind == LAZY else 0
-    columns = np.zeros((L, buffers, MAP_ROWS, N))
+    columns = aligned_zeros(L, buffers, MAP_ROWS, N)
     points = np.zeros((L, M if kind == LAZY else 0, MAP_ROWS))
     ancestors = np.zeros((L, epochs, 3 if kind == TREE else N), dtype=np.int32)
     width = max(M + 1, epochs, N if kind == TREE else 0, SIZES_WIDTH)
@@ -109,7 +110,7 @@ def grown(columns, index, need, max_landmarks):
     old = columns.shape[1]
     short = need - int(index[:, SIZES, 0].min())
     new = min(max_landmarks + 1, old + max(short, old // 2))
-    more = np.zeros((columns.shape[0], new, *columns.shape[2:]))
+    more = aligned_zeros(columns.shape[0], new, *columns.shape[2:])
     more[:, :old] = columns
     for lane in range(columns.shape[0]):
         free = index[lane, SIZES, 0]
@@ -136,13 +137,13 @@ def bytes_in_use(columns, points, ancestors, index, landmarks):
     return touched + collapsed * point + epochs * row + 2 * index.itemsize * landmarks
 
 
-@subroutine
+@disjoint
 def gather(column, ancestors, out):
     """out[:, p] = column[:, ancestors[p]]."""
     for row in range(column.shape[0]):
         source, to = column[row], out[row]
         for p in range(ancestors.size):
-            to[p] = source[ancestors[p]]
+            to[p] = source[np.uint32(ancestors[p])]  # unsigned: not counted from the end
 
 
 @subroutine

@@ -18,14 +18,19 @@ _TO_UNIT = 1.0 / 4294967296.0
 def draw_normals(key, step, purpose, normals):
     """Standard normals [4, H] from H blocks of Philox: `normal4` of items 0 .. H - 1, vectorised."""
     a, b, c, d = normals[0], normals[1], normals[2], normals[3]
+    _uniforms(key, step, purpose, a, b, c, d)
+    _box_muller(a, b)
+    _box_muller(c, d)
+
+
+@disjoint
+def _uniforms(key, step, purpose, a, b, c, d):
     for i in range(a.size):
         x0, x1, x2, x3 = philox(key, 0, step, purpose, i)
         a[i] = (float(np.int64(x0)) + 0.5) * _TO_UNIT
         b[i] = (float(np.int64(x1)) + 0.5) * _TO_UNIT
         c[i] = (float(np.int64(x2)) + 0.5) * _TO_UNIT
         d[i] = (float(np.int64(x3)) + 0.5) * _TO_UNIT
-    _box_muller(a, b)
-    _box_muller(c, d)
 
 
 @disjoint

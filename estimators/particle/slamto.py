@@ -8,6 +8,7 @@ from numpy.typing import ArrayLike
 from estimators.interface import Estimator, Floats, Ints, Scan
 from estimators.kernels.existence import REMOVE_BELOW, check_remove_below, log_odds
 from estimators.kernels.random import lane_key
+from estimators.kernels.simd import aligned_zeros
 from estimators.models import TWIST, MotionModel, SensorModel, TargetModel
 from estimators.particle.belief import fill_map_lanes, fill_pose_lanes, fill_target_lanes
 from estimators.particle.islands import MOST_ISLANDS
@@ -170,16 +171,16 @@ class SLAMTO(Estimator):
         rows = (TWIST_ROWS if twist else VELOCITY_ROWS) if self.target is not None else 0
         hypotheses = (HEADINGS if twist else 1) if self.target is not None else 0
         self._state = np.zeros(L, dtype=LANE)
-        self._pose = np.zeros((L, 3, N))
-        self._pose_cov = np.zeros((L, self._pose_cov_rows, N))
+        self._pose = aligned_zeros(L, 3, N)
+        self._pose_cov = aligned_zeros(L, self._pose_cov_rows, N)
         self._log_w, self._w = np.zeros((L, N)), np.zeros((L, N))
         self._used = np.zeros((L, N), dtype=np.int64)
         self._exists = np.zeros((L, M if self.remove_below > 0.0 else 0, N))
         self._ids = np.full((L, M), -1, dtype=np.int64)
         self._maps, self._points, self._ancestors, self._index = allocate(L, M, N, self._store)
-        self._target = np.zeros((L, hypotheses, rows, N))
+        self._target = aligned_zeros(L, hypotheses, rows, N)
         self._log_hypothesis = np.zeros((L, hypotheses, N))
-        self._scratch = np.zeros((_SCRATCH_ROWS, N))
+        self._scratch = aligned_zeros(_SCRATCH_ROWS, N)
         self._normals = np.zeros((4, (N + 1) // 2))
         self._is_due = False  # whether some lane is to be resampled
         self._proposed = np.zeros((L, 0), dtype=np.int64)
