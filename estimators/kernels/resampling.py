@@ -59,7 +59,7 @@ def systematic(w, u, copies):
     reached, drawn, last = 0.0, 0, 0
     for p in range(n):
         reached += w[p] * n
-        now = min(int(math.ceil(reached - u)), n)  # how many of u, 1 + u, 2 + u, ... lie below
+        now = min(math.ceil(reached - u), n)  # how many of u, 1 + u, 2 + u, ... lie below
         copies[p] = now - drawn
         drawn = now
         last = p if w[p] > 0.0 else last

@@ -6,7 +6,7 @@ A particle knows its pose, so a landmark's EKF sees S = A P A' + R, A = dh/d(lan
 import math
 
 from estimators.kernels.elementary import angle_between, log
-from estimators.kernels.jit import disjoint, inline, subroutine
+from estimators.kernels.jit import disjoint, inline
 
 CLOSEST = 1e-6  # [m] below this distance the bearing's gradient is taken at it
 
@@ -175,7 +175,7 @@ def update_column(mx, my, pxx, pxy, pyy, x, y, r, nu_b, nis_sum, det_product, di
         det_product[p] *= det
 
 
-@subroutine
+@disjoint
 def share_outside(mx, my, pxx, pxy, pyy, x, y, cosine, sine, w, distance, cb, sb, var_r, var_b, gate):
     """Weight of the particles in which a return's NIS exceeds the gate."""
     share = 0.0

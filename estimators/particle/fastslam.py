@@ -22,10 +22,15 @@ from estimators.particle.target import position_rows
 @jit
 def carry_lanes(lanes, control, dt, models, state, pose, pose_cov):
     """Every particle's Gaussian through one step, nothing drawn. control [L, 2], dt [L]."""
+    pose, pose_cov = borrow(pose), borrow(pose_cov)
     for lane in lanes:
         if dt[lane] > 0.0:
             state[lane].step += 1
-            predict_poses(pose[lane], pose_cov[lane], models[lane], control[lane, 0], control[lane, 1], dt[lane])
+            x, c = pose[lane], pose_cov[lane]
+            predict_poses(
+                x[0], x[1], x[2], c[0], c[1], c[2], c[3], c[4], c[5], models[lane], control[lane, 0], control[lane, 1],
+                dt[lane],
+            )  # fmt: skip
 
 
 @jit

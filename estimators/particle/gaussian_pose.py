@@ -21,15 +21,13 @@ POSE_COV_ROWS = 6
 _PIVOT_FLOOR = 1e-14  # a pivot below this share of its variance is rounding: the direction is known
 
 
-@subroutine
-def predict_poses(pose, cov, model, control_v, control_w, dt):
+@disjoint
+def predict_poses(x, y, heading, c00, c01, c02, c11, c12, c22, model, control_v, control_w, dt):
     """Mean and covariance of every pose through one step: cov = F cov F' + G Q G', Q the noise on both rates.
 
     A unicycle turns by w dt before it drives (Eq. 16, Wu and Sun 2013), a bicycle drives along heading + steering
     (Eq. 15, Tian et al. 2010): both drive d metres along an angle that the turning noise shifts.
     """
-    x, y, heading = pose[0], pose[1], pose[2]
-    c00, c01, c02, c11, c12, c22 = cov[0], cov[1], cov[2], cov[3], cov[4], cov[5]
     v, w = calibrated(model, control_v, control_w)
     sv, sw = control_std(model, v, w, dt)
     way = v * dt
@@ -176,8 +174,14 @@ def _root(pivot, variance):
 def draw_poses(key, step, pose, cov, normals):
     """Draw each pose from its Gaussian, whose covariance is zero afterwards. normals: [4, N] scratch."""
     draw_normals(key, step, DRAW_POSE, normals)
-    x, y, heading, a, b, c = pose[0], pose[1], pose[2], normals[0], normals[1], normals[2]
-    c00, c01, c02, c11, c12, c22 = cov[0], cov[1], cov[2], cov[3], cov[4], cov[5]
+    _draw_rows(
+        pose[0], pose[1], pose[2], cov[0], cov[1], cov[2], cov[3], cov[4], cov[5], normals[0], normals[1], normals[2]
+    )
+
+
+@disjoint
+def _draw_rows(x, y, heading, c00, c01, c02, c11, c12, c22, a, b, c):
+    """X += L n, L the lower Cholesky factor of the covariance, of any rank; n = (a, b, c)."""
     for p in range(x.size):
         l00, i00 = _root(c00[p], c00[p])
         l10, l20 = c01[p] * i00, c02[p] * i00

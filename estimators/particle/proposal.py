@@ -5,7 +5,7 @@ import math
 import numpy as np
 
 from estimators.kernels.elementary import log, sincos, sincos_turn, wrap_smooth
-from estimators.kernels.jit import disjoint, inline, jit, subroutine
+from estimators.kernels.jit import disjoint, jit, subroutine
 from estimators.kernels.motion import calibrated, control_std
 from estimators.kernels.random import philox
 from estimators.models import BICYCLE
@@ -89,7 +89,7 @@ def move(pose, model, control_v, control_w, dt, normals):
         )  # fmt: skip
 
 
-@inline
+@disjoint
 def _move_half(x, y, heading, noise_way, noise_shift, way, way_std, shift, shift_std, wheelbase):
     """A unicycle (wheelbase infinite) turns by `shift`, then drives: Eq. (16), Wu and Sun 2013.
 

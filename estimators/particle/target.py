@@ -9,6 +9,7 @@ import math
 
 import numpy as np
 
+from estimators.kernels.borrow import borrow
 from estimators.kernels.elementary import log, sincos, wrap_smooth
 from estimators.kernels.iterated import linearised, refine
 from estimators.kernels.jit import disjoint, inline, jit, subroutine
@@ -22,23 +23,28 @@ SETTLED = 0.98  # mean length of the particles' resultant direction above which 
 @jit
 def predict_twist_lanes(lanes, dt, models, state, target):
     """Eqs. (16) and (17), Wu and Sun 2013, in every hypothesis of every particle. target: [L, G, 9, N]; dt: [L]."""
+    target = borrow(target)
     for lane in lanes:
         for g in range(state[lane].hypotheses if dt[lane] > 0.0 else 0):
-            _predict_twist(target[lane, g], models[lane], dt[lane])
+            t = target[lane, g]
+            _predict_twist(t[0], t[1], t[2], t[3], t[4], t[5], t[6], t[7], t[8], models[lane], dt[lane])
 
 
 @jit
 def predict_velocity_lanes(lanes, dt, models, state, target):
     """White acceleration over dt in every particle. target: [L, 1, 14, N]; dt: [L]."""
+    target = borrow(target)
     for lane in lanes:
         if dt[lane] > 0.0 and state[lane].hypotheses > 0:
-            _predict_velocity(target[lane, 0], models[lane], dt[lane])
+            t = target[lane, 0]
+            _predict_velocity(
+                t[0], t[1], t[2], t[3], t[4], t[5], t[6], t[7], t[8], t[9], t[10], t[11], t[12], t[13], models[lane],
+                dt[lane],
+            )  # fmt: skip
 
 
-@inline
-def _predict_twist(rows, model, dt):
-    x, y, heading = rows[0], rows[1], rows[2]
-    p00, p01, p02, p11, p12, p22 = rows[3], rows[4], rows[5], rows[6], rows[7], rows[8]
+@disjoint
+def _predict_twist(x, y, heading, p00, p01, p02, p11, p12, p22, model, dt):
     way, turn = model.target_speed * dt, model.target_turn_rate * dt
     qv, qw = (model.target_speed_std * dt) ** 2, (model.target_turn_std * dt) ** 2
     for p in range(x.size):
@@ -58,11 +64,8 @@ def _predict_twist(rows, model, dt):
         p22[p] = a22
 
 
-@inline
-def _predict_velocity(rows, model, dt):
-    x, y, vx, vy = rows[0], rows[1], rows[2], rows[3]
-    p00, p01, p02, p03, p11 = rows[4], rows[5], rows[6], rows[7], rows[8]
-    p12, p13, p22, p23, p33 = rows[9], rows[10], rows[11], rows[12], rows[13]
+@disjoint
+def _predict_velocity(x, y, vx, vy, p00, p01, p02, p03, p11, p12, p13, p22, p23, p33, model, dt):
     q = model.acceleration_density * model.acceleration_density
     q_pp, q_pv, q_vv = q * dt * dt * dt / 3.0, q * dt * dt / 2.0, q * dt
     for p in range(x.size):
@@ -188,28 +191,31 @@ def apply_terms(rows, n_t, terms, work):
 
     work: [10, N] scratch: C' column by column, then one row pair of C A2.
     """
-    b0, b1, a00, a01, a11 = terms[0], terms[1], terms[2], terms[3], terms[4]
     m0, m1 = work[8], work[9]
     for i in range(n_t):
         _copy(work[2 * i], rows[_triangle(n_t, 0, i)])
         _copy(work[2 * i + 1], rows[_triangle(n_t, min(i, 1), max(i, 1))])
     for i in range(n_t):
-        mean, c0, c1 = rows[i], work[2 * i], work[2 * i + 1]
-        for p in range(mean.size):
-            mean[p] += c0[p] * b0[p] + c1[p] * b1[p]
-            m0[p] = c0[p] * a00[p] + c1[p] * a01[p]
-            m1[p] = c0[p] * a01[p] + c1[p] * a11[p]
+        _gain(rows[i], work[2 * i], work[2 * i + 1], terms[0], terms[1], terms[2], terms[3], terms[4], m0, m1)
         for j in range(i, n_t):
             _downdate(rows[_triangle(n_t, i, j)], m0, m1, work[2 * j], work[2 * j + 1])
 
 
-@inline
+@disjoint
+def _gain(mean, c0, c1, b0, b1, a00, a01, a11, m0, m1):
+    for p in range(mean.size):
+        mean[p] += c0[p] * b0[p] + c1[p] * b1[p]
+        m0[p] = c0[p] * a00[p] + c1[p] * a01[p]
+        m1[p] = c0[p] * a01[p] + c1[p] * a11[p]
+
+
+@disjoint
 def _copy(to, source):
     for p in range(to.size):
         to[p] = source[p]
 
 
-@inline
+@disjoint
 def _downdate(row, m0, m1, d0, d1):
     for p in range(row.size):
         row[p] -= m0[p] * d0[p] + m1[p] * d1[p]
