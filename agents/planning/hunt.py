@@ -54,7 +54,7 @@ def _seconds_to_view(pose, places, left, sensor, limits):
     for p in range(left.size):  # no branches, so that it runs on vectors
         dx, dy = places[p, 0] - pose[0], places[p, 1] - pose[1]
         r = math.sqrt(dx * dx + dy * dy) + _TINY
-        off = abs(angle_between((dx * cosine + dy * sine) / r, (dy * cosine - dx * sine) / r))
+        off = abs(angle_between(dx * cosine + dy * sine, dy * cosine - dx * sine, r))
         total += left[p] * (max(r - reach, 0.0) * per_metre + max(off - half, 0.0) * per_radian)
     return total
 
