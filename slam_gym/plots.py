@@ -19,6 +19,7 @@ from slam_gym.palette import GREY, TRUTH, VERMILION, styles
 
 ELLIPSE_PROBABILITY = 0.95
 ELLIPSES_PER_TRACK = 12
+USUAL, ROOM_ABOVE = 0.99, 1.5  # the share of a NEES curve that sets its axis, and the room above that
 LABELS = {
     "robot_error": "robot position error [m]",
     "target_error": "target position error [m]",
@@ -64,8 +65,26 @@ def nees_over_time(series: pd.DataFrame, metrics: tuple[str, ...] = ("pose_nees"
         _lines(axis, series, metric)
         axis.set_yscale("log")
         axis.set_ylim(bottom=min(0.3 * dof, low))
+        _cut_spikes(axis, series, metric)
         axis.set_ylabel(f"{LABELS[metric]} ({dof} is right)")
     return _finish_time(figure, axes)
+
+
+def _cut_spikes(axis: Axes, series: pd.DataFrame, metric: str) -> None:
+    """End the axis where a few instants alone would set its scale, and say so in the picture.
+
+    Such an instant is the first of a run, whose covariance is nearly zero; a filter that has gone wrong for more than a
+    hundredth of the time stays in sight.
+    """
+    shown = series[np.isfinite(series[metric]) & (series[metric] > 0)]
+    if shown.empty:
+        return
+    top = ROOM_ABOVE * shown.groupby("estimator")[metric].quantile(USUAL).max()
+    highest, count = shown[metric].max(), int((shown[metric] > top).sum())
+    if highest > ROOM_ABOVE * top:
+        axis.set_ylim(top=top)
+        note = f"{count} of {len(shown)} points lie above, up to {highest:.0f}"
+        axis.set_title(note, loc="right", fontsize=8, color=GREY)
 
 
 def _lines(axis: Axes, series: pd.DataFrame, metric: str) -> None:
