@@ -18,7 +18,7 @@ from estimators.gaussian.gate import pass_gate
 from estimators.gaussian.growth import grow
 from estimators.gaussian.layout import MATCH_GATE, NEW_GATE, Call, GaussianEstimator
 from estimators.gaussian.sweep import associate
-from estimators.information.sparsify import cut, keep_active
+from estimators.information.sparsify import deactivate, keep_active
 from estimators.interface import Floats, Ints, Scan
 from estimators.kernels.angles import wrap
 from estimators.kernels.association import KNOWN, TARGET_SLOT
@@ -93,8 +93,12 @@ def move_target_information(mu, Omega, work, Q, lane, n, model, dt):
 
 
 @subroutine
-def agree(mu, P, Omega, C, lane, n, n_t, count, active, target_known, pending, held):
-    """Bring Omega in line with P where the target has entered it, or was forgotten (marginalised) there."""
+def agree(P, Omega, work, C, lane, n, n_t, count, active, target_known, pending, held):
+    """Bring Omega in line with P where the target has entered it, or was forgotten (marginalised) there.
+
+    What rounding then leaves of the passive landmarks' links is not struck out but deactivated: where returns are
+    sharp, it is large enough for Omega to lose its definiteness with it.
+    """
     state = STATE if target_known[lane] else POINT if pending[lane, 0] > 0.0 else NOTHING
     if state == held[lane]:
         return
@@ -102,7 +106,7 @@ def agree(mu, P, Omega, C, lane, n, n_t, count, active, target_known, pending, h
     invert(P, lane, n, Omega, C)
     for slot in range(count):
         if not active[lane, slot]:
-            cut(Omega, lane, ROBOT + n_t, slot)
+            deactivate(Omega, work, lane, n, n_t, count, active, slot)
 
 
 @jit
@@ -115,7 +119,7 @@ def predict(
         if not dt[lane] > 0.0:
             continue
         n = rows_in_use(n_t, count[lane])
-        agree(mu, P, Omega, C, lane, n, n_t, count[lane], active, target_known, pending, held)
+        agree(P, Omega, work, C, lane, n, n_t, count[lane], active, target_known, pending, held)
         move_robot_information(mu, Omega, work, Q, lane, n, models[lane], control[lane, 0], control[lane, 1], dt[lane])
         if n_t > 0 and target_known[lane]:
             move_target_information(mu, Omega, work, Q, lane, n, models[lane], dt[lane])
@@ -170,7 +174,7 @@ def update_one(
                 lane, k, mu, P, model, n_t, count, target_known, pending, counters, ranges[lane, k], bearings[lane, k],
                 gates[0], slots,
             )  # fmt: skip
-    agree(mu, P, Omega, C, lane, n, n_t, before, active, target_known, pending, held)
+    agree(P, Omega, work, C, lane, n, n_t, before, active, target_known, pending, held)
     for i in range(n):
         b[i] = 0.0
     for slot in range(before):
@@ -205,7 +209,7 @@ def update_one(
     link_new(mu, Omega, lane, n_t, model, ranges, bearings, slots, num_returns, before, count[lane])
     for slot in range(before, count[lane]):
         active[lane, slot], unseen[lane, slot] = True, 0
-    agree(mu, P, Omega, C, lane, n, n_t, count[lane], active, target_known, pending, held)
+    agree(P, Omega, work, C, lane, n, n_t, count[lane], active, target_known, pending, held)
     if count[lane] > before:
         widened[lane] += keep_active(Omega, work, lane, n, n_t, count[lane], active, unseen, limit) > 0
         invert(Omega, lane, n, P, C)
@@ -265,8 +269,7 @@ class SEIF(GaussianEstimator):
 
     Known weakness: overconfident, the more so the fewer landmarks stay active: conditioning on the passive ones takes
     their uncertainty for zero. On top of that the EKF's own. A prior is widened by 1e-4 (m, rad). An unlabelled false
-    alarm stays in the map. With return noises of 1e-4 (m, rad) and less the information matrix can lose its
-    definiteness where a target enters again, and the estimate becomes NaN.
+    alarm stays in the map.
 
     Reference: Thrun, Liu, Koller, Ng, Ghahramani and Durrant-Whyte, "Simultaneous localization and mapping with sparse
     extended information filters", IJRR 2004; Thrun, Burgard and Fox, "Probabilistic Robotics", 2005, chapter 12;

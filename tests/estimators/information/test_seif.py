@@ -1,3 +1,5 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -6,13 +8,13 @@ from estimators._recording import DT, MOTION, SENSOR, TARGET_MODEL, record, star
 from estimators.gaussian.ekf import EKF
 from estimators.information.seif import SEIF
 from estimators.information.sparsify import deactivate
-from estimators.interface import TARGET
+from estimators.interface import TARGET, Scan
 from estimators.kernels.gaussian import rows_in_use
 from estimators.kernels.information import diffuse, invert, shear_information
 from estimators.kernels.jit import jit
 from estimators.kernels.left_looking import scratch
 from estimators.kernels.simd import aligned_zeros
-from estimators.models import TargetModel
+from estimators.models import SensorModel, TargetModel
 from estimators.testing import checks
 
 TWIST = TargetModel(kind="twist", speed=0.3, turn_rate=0.1, speed_std=0.1, turn_std=0.1)
@@ -184,6 +186,39 @@ def test_no_more_links_than_asked_for(model):
     start(tight, recording)
     tight.update(recording.steps[0].scan)
     assert tight.counts["active_widened"].tolist() == [1, 1]
+
+
+@pytest.mark.parametrize("model", [TARGET_MODEL, TWIST], ids=["constant-velocity", "twist"])
+def test_sharp_returns_leave_the_information_definite_where_a_target_enters(model):
+    """Returns of a few micrometres beside a pose known to decimetres: 11 digits lie between the two."""
+    rng, sensor = np.random.default_rng(3), SensorModel(max_range=30.0, range_std=4e-6, bearing_std=1e-6)
+    L, landmarks = 50, rng.uniform(-10.0, 10.0, (50, 12, 2))
+    estimator = SEIF(MOTION, sensor, replace(model, reinitialise_nis=35.0), num_lanes=L, max_landmarks=12, active=4)
+    cov = np.diag([0.04, 0.04, 0.003])
+    truth = np.sqrt(np.diag(cov)) * rng.standard_normal((L, 3))
+    estimator.reset(np.zeros((L, 3)), cov, seeds=np.arange(L))
+    target = rng.uniform(-5.0, 5.0, (L, 2))
+    for step in range(60):
+        estimator.predict(np.zeros((L, 2)), DT)
+        target[:, 0] += 0.3 * DT if step % 20 else 5.0  # now and then elsewhere: it starts anew
+        scan = Scan.empty(L, 6)
+        for lane in range(L):
+            labels = rng.choice(12, 5, replace=False)
+            points = [*landmarks[lane, labels], target[lane]]
+            scan.count[lane] = n = 6 if step % 20 > 2 else 5  # the target comes and goes
+            away = (points - truth[lane, :2])[:n]
+            scan.ranges[lane, :n] = np.hypot(*away.T) + sensor.range_std * rng.standard_normal(n)
+            bearing = np.arctan2(away[:, 1], away[:, 0]) - truth[lane, 2]
+            scan.bearings[lane, :n] = wrap(bearing + sensor.bearing_std * rng.standard_normal(n))
+            scan.labels[lane, :n] = [*labels, TARGET][:n]
+        estimator.update(scan)
+    assert estimator.counts["reinitialised"].min() > 0
+    for lane in range(L):
+        n = 3 + estimator.n_t + 2 * estimator.count[lane]
+        Omega = estimator.Omega[lane, :n, :n]
+        scale = np.sqrt(np.diag(Omega))
+        assert np.linalg.eigvalsh(Omega / scale / scale[:, None])[0] > 0.0
+    np.testing.assert_allclose(estimator.belief.pose, truth, atol=1.0)
 
 
 @pytest.mark.parametrize("active", [0, 2.5, True])
