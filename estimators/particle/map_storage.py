@@ -54,6 +54,7 @@ INDEX_ROWS, SIZES_WIDTH = 7, 11
 COLLAPSED, CURRENT = -1, -1
 MAX_EPOCHS = 256
 FIRST_BUFFERS = 64
+ENDLESS = 1 << 62
 
 
 def allocate(num_lanes, max_landmarks, num_particles, kind):
@@ -80,6 +81,16 @@ def clear(index, buffers, kind, max_landmarks):
     index[:, SIZES, 0] = buffers
     if kind == TREE:
         clear_tree(index, max_landmarks)
+
+
+def touches_left(columns, index, max_landmarks):
+    """How many landmarks may be touched, in any lane, before `make_room` is to be asked again."""
+    kind = index[0, SIZES, KIND]
+    if kind == TREE:
+        return 0
+    if kind == DENSE or columns.shape[1] > max_landmarks:
+        return ENDLESS
+    return int(index[:, SIZES, 0].min()) - 1  # one is always kept, for columns to be gathered into
 
 
 def make_room(columns, points, ancestors, index, need, max_landmarks):

@@ -14,7 +14,16 @@ from estimators.particle.belief import fill_map_lanes, fill_pose_lanes, fill_tar
 from estimators.particle.islands import MOST_ISLANDS
 from estimators.particle.layout import EVENTS, HEADINGS, LANE, TWIST_ROWS, VELOCITY_ROWS
 from estimators.particle.looks import LINEAR, LOOK
-from estimators.particle.map_storage import DENSE, STORES, TREE, allocate, bytes_in_use, clear, make_room
+from estimators.particle.map_storage import (
+    DENSE,
+    STORES,
+    TREE,
+    allocate,
+    bytes_in_use,
+    clear,
+    make_room,
+    touches_left,
+)
 from estimators.particle.nearest import update_nearest_lanes
 from estimators.particle.proposal import draw_start
 from estimators.particle.steps import move_lanes, resample_lanes, update_lanes
@@ -183,6 +192,7 @@ class SLAMTO(Estimator):
         self._scratch = aligned_zeros(_SCRATCH_ROWS, N)
         self._normals = np.zeros((4, (N + 1) // 2))
         self._is_due = False  # whether some lane is to be resampled
+        self._touches_left = 0  # of landmarks, before there may be no room for more
         self._proposed = np.zeros((L, 0), dtype=np.int64)
         self._places = np.zeros((3, N), dtype=np.int64)
         self._dt = np.zeros(L)
@@ -263,10 +273,12 @@ class SLAMTO(Estimator):
     def _widen(self, scan: Scan) -> None:
         """Room for a sweep: scratch, and space in the map for what it may touch."""
         width = scan.ranges.shape[1]
-        if self._store == TREE or self._maps.shape[1] <= self.max_landmarks:  # else there is room for all
+        if self._touches_left < width:
             self._maps, self._points, self._ancestors = make_room(
                 self._maps, self._points, self._ancestors, self._index, int(scan.count.max()), self.max_landmarks
             )
+            self._touches_left = touches_left(self._maps, self._index, self.max_landmarks)
+        self._touches_left -= width
         if self._proposed.shape[1] < width:
             self._proposed = np.zeros((self.num_lanes, width), dtype=np.int64)
         if self.association != "known" and self._returns[0].shape[0] < width:
@@ -337,6 +349,6 @@ class SLAMTO(Estimator):
         """See `Estimator.set_state`."""
         for name in _STATE:
             setattr(self, f"_{name}", state[name].copy())
-        self._is_due = bool(self._state["due"].any())
+        self._is_due, self._touches_left = bool(self._state["due"].any()), 0
         self.models[...] = state["models"]
         self.belief.mark_stale()
