@@ -66,7 +66,7 @@ def sweeps(landmarks: int, count: int, seed: int = 0) -> Iterator[Scan]:
 
 
 def map_row(storage: str, landmarks: int, settled: int = SETTLED) -> dict[str, Any]:
-    """Row (storage, landmarks, microseconds per update and resampling, times the yardstick, megabytes).
+    """Row (storage, landmarks, microseconds per update and resampling, the latter's share, times the yardstick, MB).
 
     Measured in `settled` steps once the map is full, a resampling in each; a tenth of them is faster than what is said.
     megabytes: set aside for the maps; used: of them, in use.
@@ -76,18 +76,21 @@ def map_row(storage: str, landmarks: int, settled: int = SETTLED) -> dict[str, A
         map_storage=storage,
     )  # fmt: skip
     unit_work = dsyrk_work(*YARDSTICK)
-    seconds, units = [], []
+    seconds, resampling, units = [], [], []
     for scan in sweeps(landmarks, 2 * landmarks + settled):
         estimator.predict(CONTROL, 0.1)
         began = perf_counter()
         estimator.update(scan)
+        updated = perf_counter()
         estimator._resample(estimator.all_lanes)
         moved = perf_counter()
         unit_work()
         units.append(perf_counter() - moved)
+        resampling.append(moved - updated)
         seconds.append(moved - began)
-    second, unit = np.quantile(seconds[-settled:], 0.1), np.quantile(units[-settled:], 0.1)
-    return {"storage": storage, "landmarks": landmarks, "microseconds": 1e6 * second, "times_dsyrk": second / unit,
+    second, share, unit = (np.quantile(times[-settled:], 0.1) for times in (seconds, resampling, units))
+    return {"storage": storage, "landmarks": landmarks, "microseconds": 1e6 * second, "resampling": share / second,
+            "times_dsyrk": second / unit,
             "megabytes": reserved_bytes(estimator) / 1e6, "used": int(estimator.map_bytes()[0]) / 1e6}  # fmt: skip
 
 

@@ -1,4 +1,4 @@
-"""A particle filter's update against the same work in vectorised NumPy, interleaved in one process.
+"""Particle filters' updates against the same work in vectorised NumPy, interleaved in one process.
 
 `pytest -m benchmark -s tests/benchmarks/test_particle_speed.py` prints nanoseconds per landmark and particle; those
 depend on the machine and are not asserted. The map's storage has its own benchmark, `test_map_storage.py`.
@@ -16,6 +16,7 @@ from estimators.registry import make
 pytestmark = pytest.mark.benchmark
 
 PARTICLES, LANDMARKS, ROUNDS, CALLS = 200, 10, 400, 4
+FILTERS = ("slamto", "fastslam1", "fastslam2")
 VAR_R, VAR_B = 0.1**2, 0.008**2
 
 
@@ -46,7 +47,7 @@ def numpy_update(maps, pose, log_w, returns):
 
 @pytest.fixture(scope="module")
 def seconds():
-    """The least seconds per update of ten landmarks: by NumPy; by the filter, whole updates of 10 and of 30 returns."""
+    """The least seconds per landmark and particle: by NumPy, and by each filter, of one more return in a sweep."""
     rng = np.random.default_rng(0)
     points = np.column_stack([rng.uniform(2.0, 6.0, 30), rng.uniform(-1.2, 1.2, 30)])  # range, bearing
     pose = 0.01 * rng.normal(size=(3, PARTICLES))
@@ -55,33 +56,37 @@ def seconds():
     start[:, 1] = (points[:LANDMARKS, 0] * np.sin(points[:LANDMARKS, 1]))[:, None]
     start[:, 2] = start[:, 4] = 0.01
     maps, log_w = start.copy(), np.zeros(PARTICLES)
-    filters, scans = [], []
-    for count in (10, 30):
-        scan = Scan.empty(1, count)
-        scan.count[:], scan.labels[0] = count, np.arange(count)
-        scan.ranges[0], scan.bearings[0] = points[:count].T
-        f = make("slamto", MotionModel(), SensorModel(), None, max_landmarks=40, particles=PARTICLES)
-        f.update(scan)
-        filters.append(f)
-        scans.append(scan)
-    best = dict.fromkeys(("numpy", 10, 30), np.inf)
+    calls = {"numpy": lambda: numpy_update(maps, pose, log_w, points[:LANDMARKS])}
+    calls |= {(name, count): update_of(name, points[:count]) for name in FILTERS for count in (10, 30)}
+    best = dict.fromkeys(calls, np.inf)
     for _ in range(ROUNDS):
         maps[:] = start
-        calls = {
-            "numpy": lambda: numpy_update(maps, pose, log_w, points[:LANDMARKS]),
-            10: lambda: filters[0].update(scans[0]),
-            30: lambda: filters[1].update(scans[1]),
-        }
         for name, call in calls.items():
             began = perf_counter()
             for _ in range(CALLS):
                 call()
             best[name] = min(best[name], (perf_counter() - began) / CALLS)
-    best["landmark"] = (best[30] - best[10]) / 20 / PARTICLES  # what one more return costs, per particle
-    print(f"\nNumPy {1e6 * best['numpy']:.1f} us, filter {1e6 * best[10]:.1f} us per update of ten landmarks;", end=" ")
-    print(f"one more landmark {1e9 * best['landmark']:.2f} ns per particle", end="")
-    return best
+    found = {name: (best[name, 30] - best[name, 10]) / 20 / PARTICLES for name in FILTERS}
+    found["numpy"] = best["numpy"] / LANDMARKS / PARTICLES
+    print(*(f"\n{name} {1e9 * second:.2f} ns per landmark and particle" for name, second in found.items()), end="")
+    return found
 
 
-def test_a_landmark_costs_a_twentieth_of_what_numpy_needs(seconds):
-    assert seconds["landmark"] < 0.05 * seconds["numpy"] / LANDMARKS / PARTICLES
+def update_of(name, returns):
+    """A filter's update by the same returns (range, bearing) of known landmarks again and again."""
+    scan = Scan.empty(1, len(returns))
+    scan.count[:], scan.labels[0] = len(returns), np.arange(len(returns))
+    scan.ranges[0], scan.bearings[0] = returns.T
+    estimator = make(name, MotionModel(), SensorModel(), None, max_landmarks=40, particles=PARTICLES)
+    estimator.update(scan)
+    return lambda: estimator.update(scan)
+
+
+@pytest.mark.parametrize("name", ["slamto", "fastslam1"])
+def test_a_landmark_costs_a_thirtieth_of_what_numpy_needs(seconds, name):
+    assert seconds[name] < seconds["numpy"] / 30
+
+
+def test_looking_before_drawing_costs_five_times_an_update(seconds):
+    assert seconds["fastslam2"] < seconds["numpy"] / 10
+    assert seconds["fastslam2"] < 5.0 * seconds["slamto"]
