@@ -3,7 +3,8 @@ import pytest
 
 from estimators._recording import DT, MOTION, SENSOR, TARGET_MODEL, feed, record, start
 from estimators.gaussian.invariant import RIEKF
-from estimators.gaussian.recorded import RecordedRIEKF, return_noise
+from estimators.gaussian.recorded import RecordedRIEKF
+from estimators.gaussian.recorded_returns import return_noise
 from estimators.gaussian.robot_errors import RobotErrors
 from estimators.interface import TARGET, Scan
 from estimators.kernels.jit import jit
