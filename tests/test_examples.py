@@ -17,6 +17,7 @@ SMALL = {
     "06_train_ppo": ("512", "4"),
     "07_ppo_in_one_file": ("--lanes", "8", "--rollout", "16", "--decisions", "256", "--batch", "64"),
     "08_which_filter_pilots_best": ("2", "30"),
+    "09_how_soon_without_knowing": ("12", "4", "4"),
 }
 SAYS = {
     "01_first_episode": "pursuit",
@@ -27,6 +28,7 @@ SAYS = {
     "06_train_ppo": "decisions per second",
     "07_ppo_in_one_file": "256 decisions, reward",
     "08_which_filter_pilots_best": "ekf against ri-ekf: target RMSE",
+    "09_how_soon_without_knowing": "bound without knowing",
 }
 NEEDS = {"06_train_ppo": "stable_baselines3", "07_ppo_in_one_file": "torch"}
 LINES = {"07_ppo_in_one_file": 150}  # one file is its point
