@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from numba import types
 
 from estimators.kernels import jit as jit_module
 
@@ -102,3 +103,28 @@ def test_a_subroutine_is_for_kernels_and_python_may_call_it_before_and_after_the
     assert half_and_one(3.0) == 2.5
     assert half_and_one(np.array([3.0]))[0] == 2.5
     assert half(np.array([3.0]))[0] == 1.5
+
+
+def add_products(total, a, b):
+    for i in range(total.size):
+        total[i] += a[i] * b[i]
+
+
+@jit_module.disjoint
+def add_products_apart(total, a, b):
+    for i in range(total.size):
+        total[i] += a[i] * b[i]
+
+
+def test_rows_that_do_not_overlap_are_not_checked_for_it():
+    def body(function):
+        rows = types.Array(types.float64, 1, "C")
+        function.compile((rows, rows, rows))
+        return str(function.overloads[(rows, rows, rows)].library._get_module_for_linking())
+
+    checked, promised = body(jit_module.subroutine(add_products)), body(add_products_apart)
+    assert "icmp ult ptr" in checked and "icmp ult ptr" not in promised  # where one row ends, and another begins
+    assert "prefer-vector-width" not in checked and '"prefer-vector-width"="512"' in promised
+    total = np.ones(11)
+    add_products_apart(total, np.arange(11.0), np.full(11, 2.0))
+    np.testing.assert_array_equal(total, 1.0 + 2.0 * np.arange(11.0))
