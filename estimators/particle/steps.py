@@ -18,6 +18,7 @@ from estimators.particle.layout import DRAW_MOTION, HEADINGS, OPEN, REFUSED
 from estimators.particle.looks import UNSCENTED
 from estimators.particle.map_storage import move_particles, open_column, put_away
 from estimators.particle.proposal import draw_normals, move, trigonometry
+from estimators.particle.sharp import sharpen
 from estimators.particle.target import (
     apply_terms,
     fit_point,
@@ -199,6 +200,7 @@ def take_target(lane, distance, bearing, model, state, pose, target, log_hypothe
             target[g, 0], target[g, 1], p00, p01, p11, terms, x, y, cosine, sine, distance, cb, sb, var_r, var_b,
             model.iterate_spread,
         )  # fmt: skip
+        sharpen(target[g], n_t, terms, work, x, y, cosine, sine, distance, cb, sb, var_r, var_b, model.iterate_spread)
         apply_terms(target[g], n_t, terms, work)
         if hypotheses == 1:
             gather_terms(terms, likelihood)

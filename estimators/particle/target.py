@@ -16,6 +16,7 @@ from estimators.kernels.jit import disjoint, inline, jit, subroutine
 from estimators.models import TWIST
 from estimators.particle.columns import beam_cov, fit_column, sight_column
 from estimators.particle.layout import HEADINGS
+from estimators.particle.sharp import triangle
 
 SETTLED = 0.98  # mean length of the particles' resultant direction above which the hypotheses are merged
 
@@ -193,12 +194,12 @@ def apply_terms(rows, n_t, terms, work):
     """
     m0, m1 = work[8], work[9]
     for i in range(n_t):
-        _copy(work[2 * i], rows[_triangle(n_t, 0, i)])
-        _copy(work[2 * i + 1], rows[_triangle(n_t, min(i, 1), max(i, 1))])
+        _copy(work[2 * i], rows[triangle(n_t, 0, i)])
+        _copy(work[2 * i + 1], rows[triangle(n_t, min(i, 1), max(i, 1))])
     for i in range(n_t):
         _gain(rows[i], work[2 * i], work[2 * i + 1], terms[0], terms[1], terms[2], terms[3], terms[4], m0, m1)
         for j in range(i, n_t):
-            _downdate(rows[_triangle(n_t, i, j)], m0, m1, work[2 * j], work[2 * j + 1])
+            _downdate(rows[triangle(n_t, i, j)], m0, m1, work[2 * j], work[2 * j + 1])
 
 
 @disjoint
@@ -219,12 +220,6 @@ def _copy(to, source):
 def _downdate(row, m0, m1, d0, d1):
     for p in range(row.size):
         row[p] -= m0[p] * d0[p] + m1[p] * d1[p]
-
-
-@inline
-def _triangle(n_t, i, j):
-    """Row of covariance element (i, j), i <= j."""
-    return n_t + i * n_t - i * (i - 1) // 2 + j - i
 
 
 @subroutine

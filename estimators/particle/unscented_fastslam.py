@@ -52,9 +52,7 @@ class UnscentedFastSLAM(LookingFilter):
     | bearings 0.3 rad, odometry 1 m/s and 1 rad/s       | 0.344, -0.115 +- 0.027 | 30 %, +31 +- 5 |
     | a fifth of the sweeps, 0.1 rad, odometry 1.5 rad/s | 0.309, -0.028 +- 0.016 | 79 %, +7 +- 4  |
 
-    Known weakness: that of all particle filters here, see `slamto`. In a fuzzed world with a target of known twist the
-    target's covariance once had a negative eigenvalue, -4e-5 of the largest (`SLAM_GYM_FUZZ=200 pytest -m slow
-    tests/estimators/test_fuzz.py -k unscented-fastslam`).
+    Known weakness: that of all particle filters here, see `slamto`.
 
     Args:
         particles, resample_threshold, islands, association, match_gate, new_gate, remove_below, map_storage: see
