@@ -17,7 +17,7 @@ SMALL = {
     "06_train_ppo": ("512", "4"),
     "07_ppo_in_one_file": ("--lanes", "8", "--rollout", "16", "--decisions", "256", "--batch", "64"),
     "08_which_filter_pilots_best": ("2", "30"),
-    "09_how_soon_without_knowing": ("12", "4", "4"),
+    "09_how_soon_without_knowing": ("12", "4", "40"),
 }
 SAYS = {
     "01_first_episode": "pursuit",
