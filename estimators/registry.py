@@ -13,6 +13,10 @@ from estimators.interface import Estimator
 from estimators.models import MotionModel, SensorModel, TargetModel
 
 ENTRY_POINT_GROUP = "slam_gym.estimators"
+OWN_ESTIMATOR = (
+    f". One of your own is known where its module was imported, and everywhere once a package declares it (entry points "
+    f'"{ENTRY_POINT_GROUP}")'
+)
 
 _BUILT_IN = {
     "dead-reckoning": "estimators.dead_reckoning:DeadReckoning",
@@ -84,7 +88,7 @@ def get(name: str) -> type[Estimator]:
     for point in entry_points(group=ENTRY_POINT_GROUP):
         if point.name == name:
             return point.load()
-    raise ValueError(unknown_name("estimator", name, names()))
+    raise ValueError(unknown_name("estimator", name, names(), OWN_ESTIMATOR))
 
 
 def make(
@@ -100,7 +104,7 @@ def make(
     """Build an estimator by name.
 
     Raises:
-        ValueError: unknown name, or an option that this estimator does not have.
+        ValueError: unknown name, an option that this estimator does not have, or text where it takes a number.
     """
     factory: Callable[..., Estimator] = get(name)
     try:
@@ -108,11 +112,25 @@ def make(
     except TypeError as error:
         if "unexpected keyword argument" in str(error):
             raise ValueError(f"estimator {name!r}: {error}; see `slam-gym list {name}` for its options") from error
+        texts = [f"{key}={value!r}" for key, value in options.items() if isinstance(value, str)]
+        if texts:  # typed at a command line: text that no number could be read from
+            wrong = f"estimator {name!r} cannot be made with {', '.join(texts)} ({error})"
+            raise ValueError(f"{wrong}; see `slam-gym list {name}` for its options") from error
         raise
 
 
-def unknown_name(kind: str, name: str, choices: list[str]) -> str:
-    """The message for a name that is not there: the nearest match, then the choices."""
+def unknown_name(kind: str, name: str, choices: list[str], otherwise: str = "") -> str:
+    """The message for a name that is not there: the nearest match, then the choices.
+
+    Args:
+        kind: what it should name.
+        name: what was given.
+        choices: what there is.
+        otherwise: what else it may have been, said where nothing is near.
+    """
+    listed = [part.strip() for part in name.split(",")]
+    if len(listed) > 1 and all(part in choices for part in listed):
+        return f"unknown {kind} {name!r}. Several names are written with spaces between them: {' '.join(listed)}"
     near = difflib.get_close_matches(name, choices, n=1, cutoff=0.5)
     hint = f" Did you mean {near[0]!r}?" if near else ""
-    return f"unknown {kind} {name!r}.{hint} Choices: {', '.join(choices)}"
+    return f"unknown {kind} {name!r}.{hint} Choices: {', '.join(choices)}{'' if near else otherwise}"

@@ -228,8 +228,11 @@ class SingleLaneEstimator(Estimator):
             value = getattr(one, name)
             found = shape if value is None else np.shape(value)
             if found != shape and not (m == 0 and found[:1] == (0,) and name.startswith("landmark")):
+                coordinates = ", ".join(self.target_names) or "no target model: leave it None"
+                why = f" ({coordinates})" if name.startswith("target") else ""
                 raise ValueError(
-                    f"{type(self).__name__}.describe_one: {name} must have the shape {list(shape)}; got {list(found)}"
+                    f"{type(self).__name__}.describe_one: {name} must have the shape {list(shape)}{why}; "
+                    f"got {list(found)}"
                 )
 
     def _fill_core(self, buffers: dict[str, Any]) -> None:

@@ -132,10 +132,10 @@ def compare(
     )  # fmt: skip
     folder = Path(tempfile.mkdtemp(prefix="slam-gym-")) if out is None else Path(out)
     try:
-        if out is not None:
-            open_folder(folder, plan, resume)
         wanted = [run for run in range(runs) if run % shard[1] == shard[0] - 1]
         with workers(jobs, backend, address) as crew:
+            if out is not None:
+                open_folder(folder, plan, resume)  # after all that may be wrong: it stands in the next call's way
             _work(plan, wanted, folder, replace(crew, own=_own(plan)), chunk, progress or _silent)
         how = {
             "runs": runs,

@@ -55,7 +55,10 @@ def load(path: str | Path) -> Recording:
         with np.load(source, allow_pickle=False) as arrays:
             found = {name: arrays[name] for name in arrays.files}
     except (ValueError, BadZipFile, AttributeError) as error:
-        raise ValueError(f"{source.name} is no NPZ file of plain arrays; expected {', '.join(COLUMNS)}") from error
+        raise ValueError(
+            f"{source.name} is no NPZ file of plain arrays {', '.join(COLUMNS)}; CSV files stand in a folder, which is "
+            f"what to name, with {_contents()}"
+        ) from error
     return Recording.from_tables(source.stem, found, {table: f"{source.name}: {table}" for table in found})
 
 

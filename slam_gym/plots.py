@@ -199,10 +199,15 @@ def _panel(axis: Axes, track: pd.DataFrame, landmarks: pd.DataFrame) -> None:
 
 
 def _true_limits(axis: Axes, track: pd.DataFrame, landmarks: pd.DataFrame) -> None:
-    """Equal axes that follow the truth: a filter that runs away must not shrink the picture."""
+    """Equal axes that follow the truth: a filter that runs away must not shrink the picture. Without truth, the path."""
     x = np.concatenate([track["true_x"], track["target_true_x"], landmarks["true_x"]])
     y = np.concatenate([track["true_y"], track["target_true_y"], landmarks["true_y"]])
     x, y = x[np.isfinite(x)], y[np.isfinite(y)]
+    if not x.size:
+        x, y = np.concatenate([track["x"], landmarks["x"]]), np.concatenate([track["y"], landmarks["y"]])
+        x, y = x[np.isfinite(x)], y[np.isfinite(y)]
+    if not x.size:
+        return
     half = 0.55 * max(np.ptp(x), np.ptp(y), 1.0)
     axis.set_xlim(0.5 * (x.min() + x.max()) - half, 0.5 * (x.min() + x.max()) + half)
     axis.set_ylim(0.5 * (y.min() + y.max()) - half, 0.5 * (y.min() + y.max()) + half)

@@ -195,7 +195,8 @@ def get(name: str) -> type[Policy]:
     for point in entry_points(group=ENTRY_POINT_GROUP):
         if point.name == name:
             return point.load()
-    raise ValueError(unknown_name("policy", name, names()))
+    folder = f". Nor is there a folder {name!r} here, in which a training could have left its policy"
+    raise ValueError(unknown_name("policy", name, names(), folder))
 
 
 def parse(text: Any) -> Spec:

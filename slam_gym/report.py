@@ -261,14 +261,15 @@ def _drawings(
     if len(tracks):
         caption = "One run: truth and belief with 95 % ellipses; crosses are true landmarks, grey discs opaque pillars."
         drawings.append(("trajectories", plots.trajectories(tracks, landmarks), caption))
-    if len(series):
+    scored = bool(len(series)) and bool(series["robot_error"].notna().any())  # a recording may come without truth
+    if scored:
         caption = "NEES over time, mean over runs; the band holds it in 95 % of cases if the filter is honest."
         drawings.append(("nees", plots.nees_over_time(series, consistency), caption))
         drawings.append(("errors", plots.over_time(series, errors), "Errors over time, mean over runs."))
-    if runs.groupby("estimator").size().max() > 1:
+    if scored and runs.groupby("estimator").size().max() > 1:
         caption = "Mean error of each run (dots), middle half and median (bar)."
         drawings.append(("distributions", plots.error_distributions(runs, errors), caption))
-    if len(summary) > 1:
+    if scored and len(summary) > 1:
         drawings.append(("cost", plots.cost_against_accuracy(summary), "Cost against accuracy."))
     return drawings
 

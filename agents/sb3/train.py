@@ -118,10 +118,19 @@ class Train:
                 else:
                     trained = [train(self, out, command=command, report=partial(report, self.seed))]
         except KeyboardInterrupt:
-            console.print(f"Stopped; the same command with --resume goes on. Until then: {out}", soft_wrap=True)
+            console.print(stopped(out), soft_wrap=True)
             raise
         summarise(trained, Console())
         return 0
+
+
+def stopped(out: Path) -> str:
+    """What to say after Ctrl-C: whether there is anything to go on from."""
+    from agents.sb3.callbacks import CHECKPOINT
+
+    if not any(out.rglob(CHECKPOINT)):
+        return "Stopped before the first evaluation (--evaluate-every decisions): there is nothing to go on from."
+    return f"Stopped; the same command with --resume goes on. Until then: {out}"
 
 
 def summarise(trained: Sequence["Trained"], console: Any) -> None:

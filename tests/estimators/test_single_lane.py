@@ -119,6 +119,14 @@ def test_what_an_author_gets_wrong_is_said(wrong, message):
         told.belief.pose  # noqa: B018
 
 
+def test_a_target_without_a_model_is_said():
+    told = Told(MOTION, SENSOR, None, max_landmarks=3)
+    told.reset(np.zeros(3), np.zeros((3, 3)), seeds=0)
+    told.told = LaneBelief(np.zeros(3), np.eye(3), np.zeros(4), np.eye(4))
+    with pytest.raises(ValueError, match=r"shape \[0\] \(no target model: leave it None\); got \[4\]"):
+        told.belief.pose  # noqa: B018
+
+
 def test_a_forgotten_return_is_said():
     class Forgetful(Told):
         def predict_one(self, state, models, control, dt):

@@ -39,6 +39,16 @@ WRONG = {  # the message, its parts split by |
     # estimators
     "estimator misspelt": (lambda: make("ri-efk"), "unknown estimator 'ri-efk'. Did you mean 'ri-ekf'? Choices: "),
     "estimator option": (lambda: make("ekf", gates=3), "estimator 'ekf': |gates|slam-gym list ekf"),
+    "text for a number": (
+        lambda: make("slamto", particles="five"),
+        "estimator 'slamto' cannot be made with particles='five'|slam-gym list slamto",
+    ),
+    "estimators with a comma": (
+        lambda: make("ekf,ri-ekf"),
+        "Several names are written with spaces between them: ekf ri-ekf",
+    ),
+    "estimator of one's own": (lambda: make("zzz"), "declares it (entry points |slam_gym.estimators"),
+    "folder that is not there": (lambda: policy("zzz"), "Nor is there a folder 'zzz' here"),
     "no lanes": (lambda: make("dead-reckoning", num_lanes=0), "num_lanes must be at least 1; got 0"),
     "no capacity": (
         lambda: registry.make("ekf", *MODELS, max_landmarks=0),
@@ -136,6 +146,12 @@ def test_a_wrong_value_is_a_valueerror_that_says_so(case):
     with pytest.raises(ValueError) as caught:
         call()
     assert [piece for piece in message.split("|") if piece not in str(caught.value)] == []
+
+
+def test_a_wrong_call_leaves_no_folder_in_the_way_of_the_next(tmp_path):
+    with pytest.raises(ValueError, match="jobs must be at least 1"):
+        compare(estimators=["ekf"], jobs=0, out=tmp_path / "here")
+    assert not (tmp_path / "here").exists()
 
 
 FILES = {

@@ -6,11 +6,12 @@ import pytest
 
 from estimators.interface import TARGET, UNKNOWN
 from estimators.models import MotionModel, SensorModel, TargetModel
-from slam_gym import mrclam
+from slam_gym import mrclam, plots
 from slam_gym.cli import main
 from slam_gym.recording import Recording
 from slam_gym.replay import replay
 from slam_gym.replay_models import ReplayModels, mrclam_models, parse_calibration
+from slam_gym.report import write_report
 from slam_gym.results import Results
 from slam_gym.schedule import NONE, make_schedule
 
@@ -148,6 +149,15 @@ def test_without_truth_nothing_is_scored():
     assert found.summary["pose_nees_mean"].isna().all()
     assert not found.summary["diverged"].any()
     assert found.tracks["x"].notna().all()
+
+
+def test_a_report_without_truth_shows_the_believed_path(tmp_path):
+    found = replay(circle(truth=None, target=None, landmarks=None), ["ekf", "ri-ekf"], MODELS, out=tmp_path / "here")
+    page = write_report(found).read_text(encoding="utf-8")
+    assert page.count("<img") == 1  # the path; nothing is scored
+    figure = plots.trajectories(found.tracks, found.landmarks)
+    low, high = figure.axes[0].get_xlim()
+    assert low < found.tracks["x"].min() < found.tracks["x"].max() < high
 
 
 def test_truth_of_the_target_may_end_early():

@@ -14,7 +14,7 @@ pytest.importorskip("stable_baselines3")
 from agents.sb3.evaluation import evaluate
 from agents.sb3.policy_file import load_policy, read_settings
 from agents.sb3.tensors import read_tensors
-from agents.sb3.train import Train, describe
+from agents.sb3.train import Train, describe, stopped
 from agents.sb3.training import (
     EVALUATION_SEEDS,
     TEACHER_SEEDS,
@@ -225,3 +225,11 @@ def test_nothing_heavy_is_imported_before_it_is_needed():
     code = f"import sys, agents.sb3.train, agents.sb3.policy; print([m for m in {heavy} if m in sys.modules])"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.strip() == "[]"
+
+
+def test_an_interrupted_training_says_whether_it_can_go_on(tmp_path):
+    assert "nothing to go on from" in stopped(tmp_path / "none")
+    folder = tmp_path / "sweep" / "seed-3"
+    folder.mkdir(parents=True)
+    (folder / "checkpoint.pt").write_bytes(b"")
+    assert "--resume goes on" in stopped(tmp_path / "sweep")
