@@ -14,8 +14,8 @@ from estimators.models import MotionModel, SensorModel, TargetModel
 
 ENTRY_POINT_GROUP = "slam_gym.estimators"
 OWN_ESTIMATOR = (
-    f". One of your own is known where its module was imported, and everywhere once a package declares it (entry points "
-    f'"{ENTRY_POINT_GROUP}")'
+    f". One of your own is known where its module was imported, and everywhere once a package declares it (entry "
+    f'points "{ENTRY_POINT_GROUP}")'
 )
 
 _BUILT_IN = {

@@ -199,7 +199,7 @@ def _panel(axis: Axes, track: pd.DataFrame, landmarks: pd.DataFrame) -> None:
 
 
 def _true_limits(axis: Axes, track: pd.DataFrame, landmarks: pd.DataFrame) -> None:
-    """Equal axes that follow the truth: a filter that runs away must not shrink the picture. Without truth, the path."""
+    """Equal axes that follow the truth: a filter that runs away must not shrink the picture; without it, the belief."""
     x = np.concatenate([track["true_x"], track["target_true_x"], landmarks["true_x"]])
     y = np.concatenate([track["true_y"], track["target_true_y"], landmarks["true_y"]])
     x, y = x[np.isfinite(x)], y[np.isfinite(y)]

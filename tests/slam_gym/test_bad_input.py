@@ -39,7 +39,7 @@ WRONG = {  # the message, its parts split by |
     # estimators
     "estimator misspelt": (lambda: make("ri-efk"), "unknown estimator 'ri-efk'. Did you mean 'ri-ekf'? Choices: "),
     "estimator option": (lambda: make("ekf", gates=3), "estimator 'ekf': |gates|slam-gym list ekf"),
-    "text for a number": (
+    "text for an option's number": (
         lambda: make("slamto", particles="five"),
         "estimator 'slamto' cannot be made with particles='five'|slam-gym list slamto",
     ),
