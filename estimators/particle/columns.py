@@ -27,7 +27,8 @@ def displace(dx, dy, r, nu_b, distance, var_r, var_b):
     """A return as a measurement of the point itself: innovation nu and noise W in the world's axes.
 
     Along u = D/r lies the range, across it, v = J u, r times the bearing: nu = u nu_r + v r nu_b and
-    W = var_r u u' + r^2 var_b v v'. In these axes A = dh/dD is the identity, and S = P + W.
+    W = var_r u u' + r^2 var_b v v', written with D = r u and J D = r v. In these axes A = dh/dD is the identity, and
+    S = P + W.
 
     Args:
         r, nu_b: see `sight`; distance: measured range. var_r, var_b: the sensor's variances.
@@ -36,17 +37,17 @@ def displace(dx, dy, r, nu_b, distance, var_r, var_b):
         nu (x, y), W (xx, xy, yy), det W, 1/r^2: what turns det S into the sensor's units.
     """
     inverse = 1.0 / r
-    ux, uy = dx * inverse, dy * inverse
-    nu_r, nu_t = distance - r, r * nu_b
-    w00, w01, w11 = beam_cov(ux, uy, r, var_r, var_b)
+    along, units = (distance - r) * inverse, inverse * inverse
+    of_d = var_r * units
+    xx, xy, yy = dx * dx, dx * dy, dy * dy
     return (
-        ux * nu_r - uy * nu_t,
-        uy * nu_r + ux * nu_t,
-        w00,
-        w01,
-        w11,
-        var_r * (r * r * var_b),
-        inverse * inverse,
+        along * dx - nu_b * dy,
+        along * dy + nu_b * dx,
+        of_d * xx + var_b * yy,
+        (of_d - var_b) * xy,
+        of_d * yy + var_b * xx,
+        var_r * var_b * (r * r),
+        units,
     )
 
 
