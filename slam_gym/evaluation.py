@@ -9,11 +9,11 @@ written whole to `parts/` when done, so that an interrupted comparison goes on f
 machines merge. A run's numbers depend on (settings, seed, its index) alone, never on how the work is cut.
 """
 
-import math
 import shutil
 import tempfile
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import replace
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
@@ -21,35 +21,24 @@ from typing import Any
 
 import pandas as pd
 
-from estimators import registry
-from slam_gym import policies as policy_registry
 from slam_gym import tables
-from slam_gym.evaluation_backend import Backend, Own, Task, Workers, workers
+from slam_gym.evaluation_backend import Backend, workers
 from slam_gym.evaluation_folder import (
     SETTINGS,
     check_runs,
     ensure_folder,
-    finished_runs,
     kept_settings,
     open_folder,
     part_files,
     read_parts,
     same_settings,
 )  # fmt: skip
-from slam_gym.evaluation_plan import Combination, Mode, Plan, make_plan, plan_from_dict
-from slam_gym.evaluation_unit import Unit, run_unit, warm_up
-from slam_gym.exercise import exercise
+from slam_gym.evaluation_plan import Mode, Plan, make_plan, plan_from_dict
+from slam_gym.evaluation_work import Progress, do_work, own_classes
 from slam_gym.results import Results, write_json
 from slam_gym.scenario import Scenario
-from slam_gym.specs import Spec
 
-Progress = Callable[[str, int, int], None]  # (what is being done, runs done, runs in all)
-
-LEAST = "dead-reckoning"  # the estimator with least to compile
-MAX_LANES = 32  # of a unit: beyond it nothing is gained, and a kill loses more
-UNITS_PER_JOB = 4  # at most: so that workers end at about the same time
-ENOUGH_LANES = 24  # of a unit: from here on a step's work in Python is small beside the filters'
-MAX_VALUES = 30_000_000  # numbers that a unit holds in memory at once (240 MB)
+__all__ = ["Progress", "collect", "compare", "merge", "versions"]
 
 
 def compare(
@@ -116,12 +105,7 @@ def compare(
         OSError: nothing can be written to `out`.
     """
     started = time.time()
-    if runs < 1:
-        raise ValueError(f"runs must be at least 1; got {runs}")
-    if chunk is not None and chunk < 1:
-        raise ValueError(f"chunk must be at least 1; got {chunk}")
-    if not 1 <= shard[0] <= shard[1]:
-        raise ValueError(f"shard i/n needs 1 <= i <= n; got {shard[0]}/{shard[1]}")
+    wanted = _wanted(runs, shard, chunk)
     settings = dict(overrides or {})
     if noise_inflation is not None:
         settings["filter.noise_inflation"] = noise_inflation
@@ -130,92 +114,44 @@ def compare(
         seed=seed, mode=mode, driver=driver, steps=steps, burn_in=burn_in, tracks=tracks, overrides=settings,
         estimator_options=estimator_options or {}, sweep=sweep, score_map=score_map,
     )  # fmt: skip
-    folder = Path(tempfile.mkdtemp(prefix="slam-gym-")) if out is None else Path(out)
-    try:
-        wanted = [run for run in range(runs) if run % shard[1] == shard[0] - 1]
-        with workers(jobs, backend, address) as crew:
-            if out is not None:
-                open_folder(folder, plan, resume)  # after all that may be wrong: it stands in the next call's way
-            _work(plan, wanted, folder, replace(crew, own=_own(plan)), chunk, progress or _silent)
-        how = {
-            "runs": runs,
-            "shard": f"{shard[0]}/{shard[1]}",
-            "jobs": crew.jobs,
-            "backend": crew.backend,
-            "seconds": round(time.time() - started, 1),
-        }
-        results = collect(plan, folder, wanted, {"command": command, **how})
+    # The folder is opened after all that may be wrong: it stands in the next call's way.
+    with workers(jobs, backend, address) as crew, _folder(out, plan, resume) as folder:
+        do_work(plan, wanted, folder, replace(crew, own=own_classes(plan)), chunk, progress or _silent)
+        seconds = round(time.time() - started, 1)
+        how = {"command": command, "runs": runs, "shard": f"{shard[0]}/{shard[1]}", "jobs": crew.jobs}
+        results = collect(plan, folder, wanted, {**how, "backend": crew.backend, "seconds": seconds})
         if out is not None:
             results.save()
-    finally:
-        if out is None:
-            shutil.rmtree(folder, ignore_errors=True)
     return results
+
+
+def _wanted(runs: int, shard: tuple[int, int], chunk: int | None) -> list[int]:
+    """The runs of this shard; ValueError where the numbers make no sense."""
+    if runs < 1:
+        raise ValueError(f"runs must be at least 1; got {runs}")
+    if chunk is not None and chunk < 1:
+        raise ValueError(f"chunk must be at least 1; got {chunk}")
+    if not 1 <= shard[0] <= shard[1]:
+        raise ValueError(f"shard i/n needs 1 <= i <= n; got {shard[0]}/{shard[1]}")
+    return [run for run in range(runs) if run % shard[1] == shard[0] - 1]
+
+
+@contextmanager
+def _folder(out: str | Path | None, plan: Plan, resume: bool) -> Iterator[Path]:
+    """Where the parts go: `out`, or a folder that is gone afterwards."""
+    if out is not None:
+        open_folder(Path(out), plan, resume)
+        yield Path(out)
+        return
+    folder = Path(tempfile.mkdtemp(prefix="slam-gym-"))
+    try:
+        yield folder
+    finally:
+        shutil.rmtree(folder, ignore_errors=True)
 
 
 def _silent(what: str, done: int, total: int) -> None:
     """Progress that nobody watches."""
-
-
-# ------------------------------------------------------------------------------------------------------ the work
-
-
-def _work(
-    plan: Plan, wanted: Sequence[int], folder: Path, crew: Workers, chunk: int | None, progress: Progress
-) -> None:
-    """Everything that is not done yet."""
-    units: list[Unit] = []
-    for index, combination in enumerate(plan.combinations):
-        done = finished_runs(folder, index)
-        missing = [run for run in wanted if run not in done]
-        size = chunk or _chunk(combination, len(missing), crew.jobs, len(plan.combinations))
-        for first in range(0, len(missing), size):
-            runs = tuple(missing[first : first + size])
-            units.append(Unit(index, runs, folder / "parts" / f"{index:03d}" / f"{runs[0]:06d}.npz"))
-    total = len(wanted) * len(plan.combinations)
-    finished = total - sum(len(unit.runs) for unit in units)
-    if not units:
-        return
-    progress("compiling", finished, total)
-    _warm_up(plan, crew)
-    progress("simulating", finished, total)
-    for unit in crew.results([(run_unit, (plan, unit)) for unit in units]):
-        if not unit.path.is_file():
-            raise OSError(f"a worker has done {str(unit.path)!r}, which is not here: do the machines share that disk?")
-        finished += len(unit.runs)
-        progress(plan.combinations[unit.combination].name, finished, total)
-
-
-def _own(plan: Plan) -> Own:
-    """What the plan names of classes that the calling script has registered."""
-    estimators = registry.registered(spec.name for c in plan.combinations for spec in c.estimators)
-    return estimators, policy_registry.registered(c.policy.name for c in plan.combinations)
-
-
-def _chunk(combination: Combination, runs: int, jobs: int, combinations: int) -> int:
-    """Runs in a unit: few enough to occupy all workers, many enough to be worth a step's work in Python."""
-    held = int(combination.scenario.max_steps) * len(combination.estimators) * 16
-    most = max(1, min(MAX_LANES, MAX_VALUES // held))
-    units_per_job = min(UNITS_PER_JOB, math.ceil(combinations * runs / (jobs * ENOUGH_LANES)))
-    return max(1, min(most, math.ceil(combinations * runs / (jobs * max(1, units_per_job)))))
-
-
-def _warm_up(plan: Plan, crew: Workers) -> None:
-    """Fill the cache of compiled kernels once, each in one process, before all workers need it.
-
-    One compiles the world, with the estimator that has least to compile; the others meanwhile only estimators.
-    """
-    if crew.is_here:
-        return  # run_unit warms up its own process
-    seen: dict[str, tuple[Combination, Spec]] = {}
-    for combination in plan.combinations:
-        for spec in combination.estimators:
-            seen.setdefault(spec.name, (combination, spec))
-    world: Task = (warm_up, (plan.combinations[0], (Spec.parse(LEAST),)))
-    alone: list[Task] = [(exercise, (combination.scenario, spec)) for combination, spec in seen.values()]
-    together: list[Task] = [(warm_up, (combination, (spec,))) for combination, spec in seen.values()]
-    for _ in crew.results([world, *alone, *together]):
-        pass
 
 
 # ------------------------------------------------------------------------------------------------------ the tables

@@ -11,9 +11,10 @@ import pandas as pd
 import pytest
 from numba.core.dispatcher import Dispatcher
 
-from slam_gym.evaluation import _chunk, compare, merge
+from slam_gym.evaluation import compare, merge
 from slam_gym.evaluation_plan import make_plan, run_seeds
 from slam_gym.evaluation_unit import simulate, warm_up
+from slam_gym.evaluation_work import chunk_size
 from slam_gym.results import Results
 
 ESTIMATORS = ("ekf", "dead-reckoning")
@@ -205,7 +206,7 @@ def test_units_occupy_all_workers_and_are_large_enough():
         ["default"], ["ekf"], None, seed=0, mode="shared", driver=None, steps=100, burn_in=None, tracks=0, overrides={},
         estimator_options={},
     )  # fmt: skip
-    sizes = {runs: _chunk(plan.combinations[0], runs, 2, 1) for runs in (1, 3, 40, 45, 200, 10_000)}
+    sizes = {runs: chunk_size(plan.combinations[0], runs, 2, 1) for runs in (1, 3, 40, 45, 200, 10_000)}
     assert sizes == {1: 1, 3: 2, 40: 20, 45: 23, 200: 25, 10_000: 32}
 
 
