@@ -6,158 +6,17 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from estimators.interface import TARGET, Bools, Estimator, Floats, Ints, Scan
-from estimators.kernels.cloud_evidence import detection, resample, weigh
-from estimators.kernels.cloud_flight import PRIOR, flees, run_away
-from estimators.kernels.cloud_motion import ROWS, THRESHOLD, X, Y, draw_anywhere, draw_from_belief, move_points
-from estimators.kernels.jit import inline, jit
+from estimators.interface import Bools, Estimator, Floats, Ints, Scan
+from estimators.kernels.cloud_flight import PRIOR
+from estimators.kernels.cloud_life import FOLLOWING, LOST, NEVER, begin, fill, foresee, learn, look, miss, move
+from estimators.kernels.cloud_motion import ROWS
 from estimators.kernels.random import lane_key
 
-FOLLOWING, LOST = 0, 1  # of a lane: the Gaussian belief says all; the points do
-_NEVER = -math.inf  # log odds that a target flees, where that is not learned
 _KEY_PURPOSE = 23  # keeps the cloud's stream apart from others that are given the same seed
-_TARGET_LABEL = TARGET
 _BELIEF = (
     "target_position", "target_position_cov", "target_velocity", "target_velocity_cov", "target_heading",
     "target_heading_var",
 )  # fmt: skip
-
-
-@jit
-def _begin(lanes, rows, w, key, step, mode, models, known, pose, settings):
-    """A new episode: the Gaussian where there is a prior, else points anywhere."""
-    for i in range(lanes.size):
-        lane = lanes[i]
-        step[lane] = 0
-        mode[lane] = FOLLOWING
-        if not known[lane]:
-            _born_anywhere(lane, rows, w, key, step, mode, models, pose, settings)
-
-
-@inline
-def _born_anywhere(lane, rows, w, key, step, mode, models, pose, settings):
-    mode[lane] = LOST
-    for p in range(w.shape[1]):
-        draw_anywhere(p, rows[lane], key[lane], step[lane], models[lane], pose[lane, 0], pose[lane, 1], settings)
-        w[lane, p] = 1.0 / w.shape[1]
-
-
-@jit
-def _move(lanes, rows, noise, key, step, mode, models, dt, pose, evasion, settings):
-    """Points of lost targets move on."""
-    for i in range(lanes.size):
-        lane = lanes[i]
-        step[lane] += 1
-        if mode[lane] == LOST:
-            if evasion[lane] > _NEVER:
-                run_away(evasion[lane], rows[lane], pose[lane, 0], pose[lane, 1], models[lane].max_range, settings)
-            move_points(rows[lane], noise, key[lane], step[lane], models[lane], dt[lane], settings)
-
-
-@jit
-def _foresee(lane, rows, key, step, mode, models, known, belief, dt, pose, evasion, settings, scratch, noise, ahead):
-    """Positions of one lane's points at each of the coming steps, into `ahead` [T, N, 2]; the cloud stays as it is."""
-    position, position_cov, velocity, velocity_cov, heading, heading_var = belief
-    if mode[lane] == FOLLOWING and known[lane]:
-        draw_from_belief(
-            lane, scratch, key[lane], step[lane], models[lane], position, position_cov, velocity, velocity_cov,
-            heading, heading_var,
-        )  # fmt: skip
-    else:
-        scratch[:] = rows[lane]
-    for t in range(ahead.shape[0]):
-        if evasion[lane] > _NEVER:
-            run_away(evasion[lane], scratch, pose[lane, 0], pose[lane, 1], models[lane].max_range, settings)
-        move_points(scratch, noise, key[lane], step[lane] + 1 + t, models[lane], dt, settings)
-        for p in range(ahead.shape[1]):
-            ahead[t, p, 0], ahead[t, p, 1] = scratch[X, p], scratch[Y, p]
-
-
-@inline
-def _is_seen(lane, labels, count):
-    """Whether the target is among a sweep's returns."""
-    seen = False
-    for k in range(count[lane]):
-        seen = seen or labels[lane, k] == _TARGET_LABEL
-    return seen
-
-
-@jit
-def _learn(lanes, labels, count, known, pose, position, velocity, since, models, evasion, settings):
-    """Whether targets that are seen flee: log odds `evasion` [L], from courses; since [L] seconds since a sweep."""
-    for i in range(lanes.size):
-        lane = lanes[i]
-        if known[lane] and _is_seen(lane, labels, count):
-            evasion[lane] = flees(
-                evasion[lane], pose[lane, 0], pose[lane, 1], position[lane, 0], position[lane, 1], velocity[lane, 0],
-                velocity[lane, 1], models[lane].max_range, since[lane], settings,
-            )  # fmt: skip
-        since[lane] = 0.0
-
-
-@jit
-def _look(labels, count, lanes, known, complete, mode, missed):
-    """Sort the swept lanes: FOLLOWING where the target was seen; into `missed` where its absence says something.
-
-    Returns:
-        How many were written into `missed`.
-    """
-    n = 0
-    for i in range(lanes.size):
-        lane = lanes[i]
-        if _is_seen(lane, labels, count):
-            mode[lane] = FOLLOWING if known[lane] else mode[lane]
-        elif complete[lane]:
-            missed[n] = lane
-            n += 1
-    return n
-
-
-@jit
-def _miss(
-    lanes, rows, w, key, step, mode, models, known, pose, pose_cov, belief, mapped, landmark, landmark_cov, evidence,
-    settings, p_d, copies, source, destination,
-):  # fmt: skip
-    """A sweep without a return: points of the Gaussian where the target is just lost, then weights, then resampling."""
-    position, position_cov, velocity, velocity_cov, heading, heading_var = belief
-    for i in range(lanes.size):
-        lane = lanes[i]
-        if mode[lane] == FOLLOWING and known[lane]:
-            mode[lane] = LOST
-            draw_from_belief(
-                lane, rows[lane], key[lane], step[lane], models[lane], position, position_cov, velocity, velocity_cov,
-                heading, heading_var,
-            )  # fmt: skip
-            w[lane, :] = 1.0 / w.shape[1]
-        elif mode[lane] == FOLLOWING:
-            _born_anywhere(lane, rows, w, key, step, mode, models, pose, settings)
-        if not evidence:
-            continue
-        x, y = rows[lane, X], rows[lane, Y]
-        detection(lane, x, y, pose, pose_cov, models[lane], mapped, landmark, landmark_cov, p_d)
-        if weigh(w[lane], p_d, settings) < settings[THRESHOLD] * w.shape[1]:
-            resample(
-                rows[lane], w[lane], key[lane], step[lane], models[lane], pose[lane, 0], pose[lane, 1], settings,
-                copies, source, destination,
-            )  # fmt: skip
-
-
-@jit
-def _fill(rows, w, key, step, mode, models, known, belief, scratch, points, weights):
-    """Positions [L, N, 2] and weights [L, N] of every lane."""
-    position, position_cov, velocity, velocity_cov, heading, heading_var = belief
-    n = w.shape[1]
-    for lane in range(w.shape[0]):
-        follows = mode[lane] == FOLLOWING and known[lane]
-        if follows:
-            draw_from_belief(
-                lane, scratch, key[lane], step[lane], models[lane], position, position_cov, velocity, velocity_cov,
-                heading, heading_var,
-            )  # fmt: skip
-        source = scratch if follows else rows[lane]
-        for p in range(n):
-            points[lane, p, 0], points[lane, p, 1] = source[X, p], source[Y, p]
-            weights[lane, p] = 1.0 / n if follows else w[lane, p]
 
 
 class TargetCloud:
@@ -247,7 +106,7 @@ class TargetCloud:
         self._key = np.zeros(L, dtype=np.uint64)
         self._step: Ints = np.zeros(L, dtype=np.int64)
         self._mode: Ints = np.full(L, FOLLOWING, dtype=np.int64)
-        self._evasion: Floats = np.full(L, PRIOR if evasive else _NEVER)
+        self._evasion: Floats = np.full(L, PRIOR if evasive else NEVER)
         self._since: Floats = np.zeros(L)
         self._scratch: Floats = np.zeros((ROWS, N))
         self._noise: Floats = np.zeros((3, N))
@@ -272,7 +131,7 @@ class TargetCloud:
             self._evasion[chosen] = PRIOR
         self._since[chosen] = 0.0
         belief = self.estimator.belief
-        _begin(
+        begin(
             chosen, self._rows, self._w, self._key, self._step, self._mode, self.estimator.models, belief.target_known,
             belief.pose, self._settings,
         )  # fmt: skip
@@ -282,7 +141,7 @@ class TargetCloud:
         """Move the points of lost targets by dt seconds (scalar or [L])."""
         steps = np.broadcast_to(np.asarray(dt, dtype=np.float64), (self.estimator.num_lanes,))
         chosen = self.estimator.all_lanes if lanes is None else lanes
-        _move(
+        move(
             chosen, self._rows, self._scratch, self._key, self._step, self._mode, self.estimator.models, steps,
             self._pose(), self._evasion, self._settings,
         )  # fmt: skip
@@ -295,16 +154,16 @@ class TargetCloud:
         belief = self.estimator.belief
         known = belief.target_known
         if self.evasive:
-            _learn(
+            learn(
                 chosen, scan.labels, scan.count, known, belief.pose, belief.target_position, belief.target_velocity,
                 self._since, self.estimator.models, self._evasion, self._settings,
             )  # fmt: skip
-        n = _look(scan.labels, scan.count, chosen, known, scan.complete, self._mode, self._missed)
+        n = look(scan.labels, scan.count, chosen, known, scan.complete, self._mode, self._missed)
         self._stale = True
         if n == 0:
             return
         copies, source, destination = self._whole
-        _miss(
+        miss(
             self._missed[:n], self._rows, self._w, self._key, self._step, self._mode, self.estimator.models, known,
             belief.pose, belief.pose_cov, self._gaussian(), belief.landmark_mapped, belief.landmark_rel,
             belief.landmark_rel_cov, self.negative_information, self._settings, self._scratch[0], copies, source,
@@ -324,7 +183,7 @@ class TargetCloud:
         """Positions [L, N, 2] and weights [L, N], valid until the next call; see `Belief.target_cloud`."""
         if self._stale:
             self._stale = False
-            _fill(
+            fill(
                 self._rows, self._w, self._key, self._step, self._mode, self.estimator.models,
                 self.estimator.belief.target_known, self._gaussian(), self._scratch, self._points, self._weights,
             )  # fmt: skip
@@ -335,7 +194,7 @@ class TargetCloud:
 
         One way that each may go, drawn from the model they move by; the cloud itself stays as it is.
         """
-        _foresee(
+        foresee(
             lane, self._rows, self._key, self._step, self._mode, self.estimator.models,
             self.estimator.belief.target_known, self._gaussian(), dt, self._pose(), self._evasion,
             self._settings, self._scratch, self._noise, ahead,
