@@ -161,9 +161,10 @@ def weigh(mu, P, models, outer, w, points, at, ranges, bearings, labels, num_ret
             restart[lane] = too_wide or outside > 0.5
             if restart[lane] or top == -math.inf:
                 break
-            total = 0.0
             for g in range(size):
-                w[lane, g] = math.exp(score[g] - top)
-                total += w[lane, g]
+                score[g] = math.exp(score[g] - top)
+            total = 0.0  # summed apart from any storing: on vectors or not, by where the arrays lie, it would round anew
             for g in range(size):
-                w[lane, g] /= total
+                total += score[g]
+            for g in range(size):
+                w[lane, g] = score[g] / total
