@@ -86,6 +86,7 @@ def weigh(w, p_d, settings):
     total = 0.0
     for p in range(w.size):
         w[p] *= max(1.0 - p_d[p], settings[MISS_FLOOR])
+    for p in range(w.size):  # a sum beside what is stored of two arrays would round by where they lie
         total += w[p]
     squares = 0.0
     for p in range(w.size):

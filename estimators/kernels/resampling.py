@@ -34,12 +34,12 @@ def normalise(log_w, w):
             log_w[p] = 0.0
             w[p] = 1.0 / log_w.size
         return float(log_w.size), bad, True
-    total = 0.0
     for p in range(log_w.size):
         log_w[p] = log_w[p] - top if log_w[p] == log_w[p] else -math.inf
         w[p] = exp_nonpositive(log_w[p])
+    total, squares = 0.0, 0.0
+    for p in range(log_w.size):  # a sum beside what is stored into two arrays would round by where they lie
         total += w[p]
-    squares = 0.0
     for p in range(log_w.size):
         w[p] /= total
         squares += w[p] * w[p]
