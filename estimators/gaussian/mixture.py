@@ -163,9 +163,7 @@ def weigh(mu, P, models, outer, w, points, at, ranges, bearings, labels, num_ret
                 break
             for g in range(size):
                 score[g] = math.exp(score[g] - top)
-            total = (
-                0.0  # summed apart from any storing: on vectors or not, by where the arrays lie, it would round anew
-            )
+            total = 0.0  # summed apart from any storing: beside it the sum would round by where the arrays lie
             for g in range(size):
                 total += score[g]
             for g in range(size):
