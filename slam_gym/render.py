@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from slam_gym.render_canvas import Camera, Canvas, text
 from slam_gym.render_frame import Frame, History
-from slam_gym.render_map import INK, Layers, bounds, draw_map, grid_step
+from slam_gym.render_map import BACKGROUND, INK, Layers, bounds, draw_map, grid_step
 from slam_gym.render_panel import Panel
 from slam_gym.render_pygame import pygame
 from slam_gym.render_strip import Strip
@@ -68,12 +68,12 @@ class Renderer:
         self.history = History()
         self.window: pygame.Surface | None = None
         self._clock: pygame.time.Clock | None = None
-        self._lay_out((int(size[0]), int(size[1])))
         if mode == "human":
             pygame.display.init()
             pygame.display.set_caption(title)
-            self.window = pygame.display.set_mode(self.size, pygame.RESIZABLE)
+            self.window = pygame.display.set_mode((int(size[0]), int(size[1])), pygame.RESIZABLE)
             self._clock = pygame.time.Clock()
+        self._lay_out((int(size[0]), int(size[1])))
 
     def _lay_out(self, size: tuple[int, int]) -> None:
         """Divide the picture: the panel on the right, the strip at the bottom, the map in the rest."""
@@ -87,6 +87,8 @@ class Renderer:
         self._letter = letter
         self._canvas = Canvas(size, max(1.0, letter / SMALL_LETTER))
         self.surface = pygame.Surface(size, 0, 32)  # the latest picture
+        if self.window is not None and self.window.get_masks() == self.surface.get_masks():
+            self.surface = self.window  # pixels as ours: drawing there saves a copy
 
     def draw(self, frame: Frame, history: History | None = None) -> NDArray[np.uint8] | None:
         """Record the frame, draw it, and show or return it.
@@ -115,22 +117,24 @@ class Renderer:
     def close(self) -> None:
         """Close the window, if there is one."""
         if self.window is not None:
+            self.surface = self.surface.copy()  # the last picture outlives the window
             self.window = None
             pygame.display.quit()
 
     def _paint(self, frame: Frame, history: History) -> None:
         has_target = frame.target is not None
+        self._canvas.ground(self._map, BACKGROUND)
         for area, layers, _ in self._views():
             camera = self._camera(area, frame, history, layers)
             draw_map(self._canvas, area, camera, frame, history, layers)
-        bar = self._scale_bar(camera)
-        if self._panel:
-            self._panel.shapes(self._canvas, frame, self.layers)
+        self._canvas.ground_onto(self.surface, self._map, BACKGROUND)
         if self._strip:
             self._strip.shapes(self._canvas, history, has_target)
-        self._canvas.onto(self.surface)
+            self._canvas.onto(self.surface, self._strip.area)
+        if self._panel:
+            self._panel.shapes(self._canvas, self.surface, frame, self.layers)
         small = max(9, round(0.85 * self._letter))
-        text(self.surface, f"{bar:g} m", (self._letter, self._map.bottom - 2.3 * small), INK, small)
+        self._scale_bar(camera, small)
         for area, _, title in self._views():
             text(self.surface, title, (area.left + self._letter, area.top + 4), INK, self._letter, bold=True)
         if self._panel:
@@ -165,16 +169,18 @@ class Renderer:
             return (frame.pose if layers.truth else frame.belief_pose)[:2]
         return None
 
-    def _scale_bar(self, camera: Camera) -> float:
-        """Draw a bar as long as the grid's step, and return its length [m]."""
+    def _scale_bar(self, camera: Camera, small: int) -> None:
+        """A bar as long as the grid's step; small: [px] height of its letters."""
         length = grid_step(camera)
-        left, y = float(self._letter), self._map.bottom - 0.7 * self._letter
-        self._canvas.line([(left, y), (left + length * camera.scale, y)], INK, 2.0)
-        return length
+        left, thickness = self._letter, round(2.0 * max(1.0, self._letter / SMALL_LETTER))
+        y = round(self._map.bottom - 0.7 * self._letter - 0.5 * thickness)
+        self.surface.fill(INK, (left, y, round(length * camera.scale), thickness))
+        text(self.surface, f"{length:g} m", (left, self._map.bottom - 2.3 * small), INK, small)
 
     def _show(self) -> None:
         assert self.window is not None and self._clock is not None
-        self.window.blit(self.surface, (0, 0))
+        if self.surface is not self.window:
+            self.window.blit(self.surface, (0, 0))
         pygame.event.pump()
         pygame.display.flip()
         if self.fps:

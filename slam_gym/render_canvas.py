@@ -7,7 +7,7 @@ afterwards at its own size.
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, lru_cache
 from importlib.util import find_spec
 from pathlib import Path
 
@@ -22,16 +22,19 @@ Colour = tuple[int, int, int]
 
 OVERSAMPLING = 2  # what `halve` undoes
 ELLIPSE_SCALE = math.sqrt(-2.0 * math.log(1.0 - 0.95))  # standard deviations of the plane's 95 % ellipse
-_CIRCLE = np.linspace(0.0, 2.0 * math.pi, 48, endpoint=False)
+_ANGLES = np.linspace(0.0, 2.0 * math.pi, 48, endpoint=False)
+_CIRCLE = np.column_stack([np.cos(_ANGLES), np.sin(_ANGLES)])  # [48, 2]
 LARGEST_COORDINATE = 1e4  # [px], beyond which pygame's drawing is slow or overflows
 
 
 def ellipse_points(mean: ArrayLike, cov: ArrayLike, scale: float = ELLIPSE_SCALE) -> Floats:
-    """Outline [48, 2] of the ellipse (q - mean)' cov^-1 (q - mean) = scale^2; by default it holds 95 %."""
+    """Outlines [..., 48, 2] of the ellipses (q - mean)' cov^-1 (q - mean) = scale^2; by default each holds 95 %.
+
+    mean [..., 2], cov [..., 2, 2].
+    """
     values, vectors = np.linalg.eigh(np.asarray(cov, dtype=np.float64))
-    axes = vectors * np.sqrt(np.maximum(values, 0.0))  # columns: half axes of one standard deviation
-    unit = np.stack([np.cos(_CIRCLE), np.sin(_CIRCLE)])
-    return np.asarray(mean) + scale * (axes @ unit).T
+    axes = vectors * np.sqrt(np.maximum(values, 0.0))[..., None, :]  # columns: half axes of one standard deviation
+    return np.asarray(mean)[..., None, :] + scale * (_CIRCLE @ np.swapaxes(axes, -1, -2))
 
 
 @dataclass(frozen=True)
@@ -53,10 +56,10 @@ class Camera:
 
     def pixels(self, points: ArrayLike) -> Floats:
         """[..., 2] metres to pixels of the whole picture."""
-        q = np.asarray(points, dtype=np.float64)
-        x = self.area.centerx + self.scale * (q[..., 0] - self.centre[0])
-        y = self.area.centery - self.scale * (q[..., 1] - self.centre[1])
-        return np.clip(np.stack([x, y], axis=-1), -LARGEST_COORDINATE, LARGEST_COORDINATE)
+        q = np.asarray(points, dtype=np.float64) - self.centre
+        q *= (self.scale, -self.scale)
+        q += self.area.center
+        return np.clip(q, -LARGEST_COORDINATE, LARGEST_COORDINATE, out=q)
 
 
 class Canvas:
@@ -71,22 +74,36 @@ class Canvas:
         self.size = size
         self._large = pygame.Surface((size[0] * OVERSAMPLING, size[1] * OVERSAMPLING), 0, 32)
         self._thickness = OVERSAMPLING * line_scale
+        self._touched = self._to_wipe = self._large.get_rect()  # boxes around what was drawn: now, the last time
 
     def clip(self, area: pygame.Rect | None) -> None:
         """Draw only inside this area from now on."""
-        self._large.set_clip(None if area is None else pygame.Rect([OVERSAMPLING * v for v in area]))
+        self._large.set_clip(None if area is None else _enlarged(area))
 
-    def onto(self, surface: pygame.Surface) -> None:
-        """Scale down onto a surface of the final size."""
+    def ground(self, area: pygame.Rect, colour: Colour) -> None:
+        """Begin an area anew, plain but for what is drawn from now on: only what was drawn the last time is wiped."""
+        self._large.fill(colour, self._to_wipe.clip(_enlarged(area)))
+        self._touched = pygame.Rect(0, 0, 0, 0)
+
+    def ground_onto(self, surface: pygame.Surface, area: pygame.Rect, colour: Colour) -> None:
+        """Bring such an area onto the picture: where nothing was drawn there is nothing to scale down."""
+        self._to_wipe = box = self._touched.clip(_enlarged(area))
+        surface.fill(colour, area)
+        left, top = box.left // OVERSAMPLING, box.top // OVERSAMPLING
+        right, bottom = -(-box.right // OVERSAMPLING), -(-box.bottom // OVERSAMPLING)
+        self.onto(surface, pygame.Rect(left, top, right - left, bottom - top))
+
+    def onto(self, surface: pygame.Surface, area: pygame.Rect) -> None:
+        """Scale an area down onto the same area of a surface of the final size."""
         large, small = pygame.surfarray.pixels2d(self._large), pygame.surfarray.pixels2d(surface)  # [W, H], locked
-        halve(large.T.view(np.uint64), small.T)
+        halve(large.T.view(np.uint64), small.T, area.left, area.top, area.right, area.bottom)
 
     def line(self, points: ArrayLike, colour: Colour, width: float = 1.5, closed: bool = False) -> None:
         """A polyline [n, 2]; a row with NaN interrupts it."""
         q = np.asarray(points, dtype=np.float64) * OVERSAMPLING
         for part in _finite_parts(q):
             if len(part) > 1:
-                pygame.draw.lines(self._large, colour, closed, part.tolist(), self._width(width))
+                self._touch(pygame.draw.lines(self._large, colour, closed, part.tolist(), self._width(width)))
 
     def dashes(self, points: ArrayLike, colour: Colour, width: float = 1.5, length: float = 5.0) -> None:
         """A dashed polyline [n, 2]; dashes and gaps of `length` pixels along it."""
@@ -102,19 +119,26 @@ class Canvas:
 
     def polygon(self, points: ArrayLike, colour: Colour) -> None:
         """A filled polygon [n, 2]."""
-        pygame.draw.polygon(self._large, colour, (np.asarray(points) * OVERSAMPLING).tolist())
+        self._touch(pygame.draw.polygon(self._large, colour, (np.asarray(points) * OVERSAMPLING).tolist()))
+
+    def discs(self, centres: ArrayLike, radii: ArrayLike, colour: Colour) -> None:
+        """Discs [n, 2], each of its own radius [n]."""
+        places = (np.asarray(centres, dtype=np.float64) * OVERSAMPLING).tolist()
+        sizes = np.maximum(1.0, np.asarray(radii, dtype=np.float64) * OVERSAMPLING).tolist()
+        for place, size in zip(places, sizes, strict=True):
+            self._touch(pygame.draw.circle(self._large, colour, place, size))
 
     def disc(self, centre: ArrayLike, radius: float, colour: Colour, width: float = 0.0) -> None:
         """A disc, or a circle of that line width."""
         x, y = (np.asarray(centre, dtype=np.float64) * OVERSAMPLING).tolist()
         size = max(1.0, radius * OVERSAMPLING)
-        pygame.draw.circle(self._large, colour, (x, y), size, self._width(width) if width else 0)
+        self._touch(pygame.draw.circle(self._large, colour, (x, y), size, self._width(width) if width else 0))
 
     def box(self, area: pygame.Rect, colour: Colour, width: float = 0.0, rounding: int = 0) -> None:
         """A rectangle, filled or of that line width."""
-        large = pygame.Rect([OVERSAMPLING * v for v in area])
+        large = _enlarged(area)
         thickness = self._width(width) if width else 0
-        pygame.draw.rect(self._large, colour, large, thickness, border_radius=rounding * OVERSAMPLING)
+        self._touch(pygame.draw.rect(self._large, colour, large, thickness, border_radius=rounding * OVERSAMPLING))
 
     def cross(self, centre: ArrayLike, size: float, colour: Colour, width: float = 1.5, turned: bool = False) -> None:
         """A plus of that half size, or a cross when turned."""
@@ -123,15 +147,24 @@ class Canvas:
         for arm in (a, b):
             self.line([middle - size * arm, middle + size * arm], colour, width)
 
+    def _touch(self, box: pygame.Rect) -> None:
+        if box.width and box.height:
+            self._touched = self._touched.union(box) if self._touched.width else box
+
     def _width(self, width: float) -> int:
         return max(1, round(width * self._thickness))
 
 
+def _enlarged(area: pygame.Rect) -> pygame.Rect:
+    return pygame.Rect([OVERSAMPLING * v for v in area])
+
+
 def _finite_parts(points: Floats) -> list[Floats]:
     """The runs of rows [n, 2] between those that are not finite."""
-    whole = np.isfinite(points).all(axis=1)
-    if whole.all():
+    finite = np.isfinite(points)
+    if finite.all():
         return [points]
+    whole = finite.all(axis=1)
     parts = np.split(points, np.flatnonzero(~whole))
     return [part[np.isfinite(part).all(axis=1)] for part in parts]
 
@@ -167,12 +200,18 @@ def text(
 
     align: which part of the line `position` names: "left", "right" or "centre".
     """
+    image = _written(words, colour, size, bold, max_width)
+    shift = {"left": 0.0, "right": 1.0, "centre": 0.5}[align] * image.get_width()
+    surface.blit(image, (round(position[0] - shift), round(position[1])))
+    return image.get_height()
+
+
+@lru_cache(maxsize=512)
+def _written(words: str, colour: Colour, size: int, bold: bool, max_width: float) -> pygame.Surface:
+    """The picture of a line: nearly all that is written was there in the picture before."""
     letters = font(size, bold)
     if letters.size(words)[0] > max_width:
         while words and letters.size(words + "…")[0] > max_width:
             words = words[:-1]
         words += "…"
-    image = letters.render(words, True, colour)
-    shift = {"left": 0.0, "right": 1.0, "centre": 0.5}[align] * image.get_width()
-    surface.blit(image, (round(position[0] - shift), round(position[1])))
-    return image.get_height()
+    return letters.render(words, True, colour)

@@ -50,9 +50,8 @@ class Layers:
 
 
 def draw_map(canvas: Canvas, area: pygame.Rect, camera: Camera, frame: Frame, history: History, layers: Layers) -> None:
-    """Everything inside an area of the picture, from the floor up."""
+    """Everything inside an area of the picture, on the ground that is there, from the floor up."""
     canvas.clip(area)
-    canvas.box(area, BACKGROUND)
     draw_floor(canvas, camera, frame)
     seeing = frame.pose if layers.truth else frame.belief_pose
     if layers.view:
@@ -92,16 +91,16 @@ def grid_step(camera: Camera) -> float:
 
 
 def draw_floor(canvas: Canvas, camera: Camera, frame: Frame) -> None:
-    """Arena, walls and grid."""
+    """Arena, walls and grid; boxes, because they are filled several times as fast as polygons and thick lines."""
     half = 0.5 * np.asarray(frame.arena)
     corners = camera.pixels(half * np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]]))
-    canvas.polygon(corners, FLOOR)
+    (left, bottom), (right, top) = np.rint(corners[[0, 2]]).astype(int).tolist()
+    canvas.box(pygame.Rect(left, top, right - left, bottom - top), FLOOR)
     step = grid_step(camera)
     for axis in (0, 1):
         for value in np.arange(math.ceil(-half[axis] / step), math.floor(half[axis] / step) + 1) * step:
-            ends = np.array([-half, half])
-            ends[:, axis] = value
-            canvas.line(camera.pixels(ends), GRID, 1.0)
+            x, y = np.rint(camera.pixels((value, value))).astype(int).tolist()
+            canvas.box(pygame.Rect((x, top, 1, bottom - top) if axis == 0 else (left, y, right - left, 1)), GRID)
     if frame.walls:
         canvas.line(corners, WALL, 2.5, closed=True)
 
@@ -171,23 +170,23 @@ def draw_trails(canvas: Canvas, camera: Camera, history: History, layers: Layers
 def draw_particles(canvas: Canvas, camera: Camera, particles: Floats) -> None:
     """At most 500 of the particles' positions."""
     every = -(-len(particles) // 500)
-    for centre in camera.pixels(particles[::every, :2]):
-        canvas.disc(centre, 1.0, PARTICLE)
+    shown = particles[::every, :2]
+    canvas.discs(camera.pixels(shown), np.ones(len(shown)), PARTICLE)
 
 
 def draw_cloud(canvas: Canvas, camera: Camera, points: Floats, weights: Floats) -> None:
     """Where a lost target may be: dots whose area goes with their weight."""
     sizes = 1.7 * np.sqrt(weights * len(weights))
-    for centre, size in zip(camera.pixels(points), np.clip(sizes, 0.8, 5.0), strict=True):
-        canvas.disc(centre, float(size), CLOUD)
+    canvas.discs(camera.pixels(points), np.clip(sizes, 0.8, 5.0), CLOUD)
 
 
 def draw_believed_landmarks(canvas: Canvas, camera: Camera, frame: Frame, ellipses: bool) -> None:
     """Mapped landmarks: a plus, and the ellipse that should hold the true one in 95 % of cases."""
-    for mean, cov in zip(frame.belief_landmarks, frame.belief_landmark_cov, strict=True):
-        canvas.cross(camera.pixels(mean), 4.0, BELIEVED_LANDMARK, 1.5)
-        if ellipses:
-            canvas.line(camera.pixels(ellipse_points(mean, cov)), BELIEVED_LANDMARK, 1.5, closed=True)
+    for middle in camera.pixels(frame.belief_landmarks):
+        canvas.cross(middle, 4.0, BELIEVED_LANDMARK, 1.5)
+    if ellipses:
+        for outline in camera.pixels(ellipse_points(frame.belief_landmarks, frame.belief_landmark_cov)):
+            canvas.line(outline, BELIEVED_LANDMARK, 1.5, closed=True)
 
 
 def robot_size(camera: Camera, frame: Frame) -> float:

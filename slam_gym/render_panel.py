@@ -56,9 +56,21 @@ class Panel:
         self.area, self.letter = area, letter
         self.line = round(1.4 * letter)
         self.left, self.right = area.left + letter, area.right - letter
+        self._paper = pygame.Surface(area.size, 0, 32)  # what stays from one picture to the next
+        self._drawn: tuple[object, ...] = ()  # what the paper shows
 
-    def shapes(self, canvas: Canvas, frame: Frame, layers: Layers) -> None:
-        """Background and the legend's symbols."""
+    def shapes(self, canvas: Canvas, surface: pygame.Surface, frame: Frame, layers: Layers) -> None:
+        """Background and the legend's symbols, onto the picture."""
+        pillars = bool((frame.landmark_radius > 0.0).any())
+        shown = (self._legend_top(frame), pillars, *(words for _, words in legend(frame, layers)))
+        if shown != self._drawn:
+            self._shapes(canvas, frame, layers)
+            canvas.onto(surface, self.area)
+            self._paper.blit(surface, (0, 0), self.area)
+            self._drawn = shown
+        surface.blit(self._paper, self.area)
+
+    def _shapes(self, canvas: Canvas, frame: Frame, layers: Layers) -> None:
         canvas.box(self.area, PAPER)
         canvas.line([self.area.topleft, self.area.bottomleft], AXIS, 1.0)
         y = self._legend_top(frame)

@@ -10,8 +10,8 @@ _ONE = np.uint64(1)
 
 
 @jit
-def halve(pairs, small):
-    """Means of 2 x 2 pixels of four bytes each, byte by byte, rounded down.
+def halve(pairs, small, left, top, right, bottom):
+    """Means of 2 x 2 pixels of four bytes each, byte by byte, rounded down, in a part of the picture.
 
     Two integers have the mean (a & b) + (a ^ b) / 2, which for all bytes of a word at once is far faster than pygame's
     scaling of any size to any other.
@@ -19,10 +19,11 @@ def halve(pairs, small):
     Args:
         pairs: [2 H, W] uint64, two neighbouring pixels of the large picture in each.
         small: [H, W] uint32, written.
+        left, top, right, bottom: columns and rows of `small`, the last ones excluded.
     """
-    for y in range(small.shape[0]):
-        for x in range(small.shape[1]):
+    for y in range(top, bottom):
+        for x in range(left, right):
             a, b = pairs[2 * y, x], pairs[2 * y + 1, x]
             both = (a & b) + (((a ^ b) >> _ONE) & _HALVES_64)
-            left, right = both & _LOW_WORD, both >> _WORD
-            small[y, x] = (left & right) + (((left ^ right) >> _ONE) & _HALVES_64)
+            one, other = both & _LOW_WORD, both >> _WORD
+            small[y, x] = (one & other) + (((one ^ other) >> _ONE) & _HALVES_64)

@@ -72,6 +72,7 @@ def test_a_window_shows_the_same_pixels(monkeypatch):
     finally:
         window.close()
     assert window.window is None
+    np.testing.assert_array_equal(window.pixels(), array.pixels())
 
 
 def test_fonts_survive_a_quit_elsewhere():
@@ -260,13 +261,39 @@ def test_long_words_are_cut():
 def test_a_picture_is_halved_by_the_mean_of_four_pixels():
     large = np.random.default_rng(0).integers(0, 256, (12, 20, 4), dtype=np.uint8)
     small = np.zeros((6, 10), dtype=np.uint32)
-    halve(large.reshape(12, 80).view(np.uint64), small)
+    halve(large.reshape(12, 80).view(np.uint64), small, 0, 0, 10, 6)
     found = small.view(np.uint8).reshape(6, 10, 4).astype(float)
     mean = large.reshape(6, 2, 10, 2, 4).mean(axis=(1, 3))
     assert np.all((mean - 1.5 < found) & (found <= mean))
     white = np.full((4, 2), np.iinfo(np.uint64).max, dtype=np.uint64)
-    halve(white, small[:2, :2])
+    halve(white, small[:2, :2], 0, 0, 2, 2)
     assert np.all(small[:2, :2] == np.iinfo(np.uint32).max)
+
+
+def test_only_the_named_part_of_a_picture_is_halved():
+    large = np.random.default_rng(1).integers(0, 256, (12, 20, 4), dtype=np.uint8).reshape(12, 80).view(np.uint64)
+    whole, part = np.zeros((2, 6, 10), dtype=np.uint32)
+    halve(large, whole, 0, 0, 10, 6)
+    halve(large, part, 2, 1, 9, 4)
+    assert np.array_equal(part[1:4, 2:9], whole[1:4, 2:9])
+    part[1:4, 2:9] = 0
+    assert not part.any()
+
+
+def test_nothing_remains_of_the_picture_before():
+    kept = Renderer(size=(700, 500))
+    far = make_frame(arena=(30.0, 10.0), landmarks=np.array([[14.0, 4.0]]), landmark_radius=np.ones(1))
+    changes = [({}, {}), ({"split": True}, {}), ({}, {"layers": Layers(truth=False)}), ({"follow": "robot"}, {})]
+    for change, layers in [*changes, ({}, {"layers": Layers(scan=False, view=False)})]:
+        for frame in (far, make_frame(), make_frame(keeps_cloud=True, cloud=None, cloud_weights=None)):
+            fresh = Renderer(size=(700, 500))
+            for renderer in (kept, fresh):
+                renderer.split, renderer.follow, renderer.layers = False, None, Layers()
+                for name, value in {**change, **layers}.items():
+                    setattr(renderer, name, value)
+            history = History()
+            history.record(frame)
+            assert np.array_equal(kept.draw(frame, history), fresh.draw(frame, history))
 
 
 def test_the_legend_stays_while_the_target_comes_and_goes():
