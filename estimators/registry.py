@@ -4,10 +4,14 @@ A package adds one through the entry-point group "slam_gym.estimators"; a script
 """
 
 import difflib
-from collections.abc import Callable, Iterable
+import inspect
+import numbers
+from collections.abc import Callable, Iterable, Mapping
 from importlib import import_module
 from importlib.metadata import entry_points
 from typing import Any
+
+import numpy as np
 
 from estimators.interface import Estimator
 from estimators.models import MotionModel, SensorModel, TargetModel
@@ -17,6 +21,8 @@ OWN_ESTIMATOR = (
     f". One of your own is known where its module was imported, and everywhere once a package declares it (entry "
     f'points "{ENTRY_POINT_GROUP}")'
 )
+_GIVEN = ("motion", "sensor", "target", "context", "num_lanes", "max_landmarks")  # what is not a person's choice
+_KINDS = {bool: "true or false", int: "a whole number", float: "a number"}
 
 _BUILT_IN = {
     "dead-reckoning": "estimators.dead_reckoning:DeadReckoning",
@@ -104,19 +110,78 @@ def make(
     """Build an estimator by name.
 
     Raises:
-        ValueError: unknown name, an option that this estimator does not have, or text where it takes a number.
+        ValueError: unknown name, an option that this estimator does not have, or an impossible value.
     """
-    factory: Callable[..., Estimator] = get(name)
+    return build("estimator", name, get(name), options, motion, sensor, target, num_lanes=num_lanes,
+                 max_landmarks=max_landmarks)  # fmt: skip
+
+
+def build(
+    kind: str, name: str, factory: Callable[..., Any], options: Mapping[str, Any], *given: Any, **also: Any
+) -> Any:
+    """Call `factory` with the options that a person has typed, and say what is wrong with them.
+
+    Raises:
+        ValueError: an option that is not there (the message lists the choices), or a word where a number belongs.
+    """
+    known, open_ended = parameters_of(factory)
+    for key, value in options.items():
+        if key in known:
+            _check_value(f"{kind} {name!r}: {key}", value, known[key])
+        elif not open_ended:
+            raise ValueError(_unknown_option(kind, name, key, list(known)))
     try:
-        return factory(motion, sensor, target, num_lanes=num_lanes, max_landmarks=max_landmarks, **options)
+        return factory(*given, **also, **options)
     except TypeError as error:
-        if "unexpected keyword argument" in str(error):
-            raise ValueError(f"estimator {name!r}: {error}; see `slam-gym list {name}` for its options") from error
+        unknown = [key for key in options if key not in known and f"unexpected keyword argument {key!r}" in str(error)]
+        if unknown:
+            raise ValueError(_unknown_option(kind, name, unknown[0], list(known))) from error
         texts = [f"{key}={value!r}" for key, value in options.items() if isinstance(value, str)]
         if texts:  # typed at a command line: text that no number could be read from
-            wrong = f"estimator {name!r} cannot be made with {', '.join(texts)} ({error})"
+            wrong = f"{kind} {name!r} cannot be made with {', '.join(texts)} ({error})"
             raise ValueError(f"{wrong}; see `slam-gym list {name}` for its options") from error
         raise
+
+
+def parameters_of(factory: Callable[..., Any]) -> tuple[dict[str, inspect.Parameter], bool]:
+    """The options that a class takes, with those of its bases where it hands on what it does not know.
+
+    And whether it takes any others (`**options`): only calling it tells which.
+    """
+    found: dict[str, inspect.Parameter] = {}
+    open_ended = False
+    for base in inspect.getmro(factory) if inspect.isclass(factory) else (factory,):
+        parameters = inspect.signature(base).parameters
+        for name, parameter in parameters.items():
+            if parameter.kind in (parameter.KEYWORD_ONLY, parameter.POSITIONAL_OR_KEYWORD) and name not in _GIVEN:
+                found.setdefault(name, parameter)
+        if not any(parameter.kind is parameter.VAR_KEYWORD for parameter in parameters.values()):
+            break
+        open_ended = True
+    return found, open_ended
+
+
+def _unknown_option(kind: str, name: str, key: str, known: list[str]) -> str:
+    if not known:
+        return f"{kind} {name!r} has no options; got {key!r}"
+    return f"{kind} {name!r}: {unknown_name('option', key, known)}"
+
+
+def _check_value(what: str, value: Any, parameter: inspect.Parameter) -> None:
+    """Refuse a word where a number belongs; choices of words or of several types are checked by their owners."""
+    default, declared = parameter.default, parameter.annotation
+    wanted = type(default)
+    if wanted not in _KINDS or declared not in (wanted, wanted.__name__, parameter.empty):
+        return
+    fits = isinstance(value, bool | np.bool) if wanted is bool else _is_number(value, whole=wanted is int)
+    if not fits:
+        raise ValueError(f"{what} must be {_KINDS[wanted]}, such as {default}; got {value!r}")
+
+
+def _is_number(value: Any, whole: bool) -> bool:
+    if isinstance(value, bool | np.bool) or not isinstance(value, numbers.Real):
+        return False
+    return not whole or float(value).is_integer()
 
 
 def unknown_name(kind: str, name: str, choices: list[str], otherwise: str = "") -> str:

@@ -4,11 +4,10 @@ A policy decides from the observation or the belief, never from the truth. It ac
 one through the entry-point group "slam_gym.policies"; a script through `register`.
 """
 
-import inspect
 import math
 import os
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from dataclasses import dataclass
 from importlib.metadata import entry_points
 from pathlib import Path
@@ -19,7 +18,7 @@ from numpy.typing import NDArray
 
 from estimators.interface import Belief
 from estimators.models import MotionModel, SensorModel, TargetModel
-from estimators.registry import unknown_name
+from estimators.registry import build, parameters_of, unknown_name
 from slam_gym.actions import ActionMap
 from slam_gym.scenario import Scenario
 from slam_gym.scenario_fields import middle
@@ -220,8 +219,7 @@ def is_reference(label: str) -> bool:
 
 def options(name: str) -> dict[str, Any]:
     """The options of a policy and their defaults."""
-    parameters = inspect.signature(get(name)).parameters.values()
-    return {p.name: p.default for p in parameters if p.kind is p.KEYWORD_ONLY}
+    return {key: parameter.default for key, parameter in parameters_of(get(name))[0].items()}
 
 
 def make(name: str, context: PolicyContext, num_lanes: int = 1, **chosen: Any) -> Policy:
@@ -230,12 +228,4 @@ def make(name: str, context: PolicyContext, num_lanes: int = 1, **chosen: Any) -
     Raises:
         ValueError: unknown name, an option that this policy does not have, or an impossible value.
     """
-    factory: Callable[..., Policy] = get(name)
-    known = options(name)
-    accepts_any = any(p.kind is p.VAR_KEYWORD for p in inspect.signature(factory).parameters.values())
-    for key in chosen:
-        if key not in known and not accepts_any:
-            if not known:
-                raise ValueError(f"policy {name!r} has no options; got {key!r}")
-            raise ValueError(f"policy {name!r}: {unknown_name('option', key, list(known))}")
-    return factory(context, num_lanes, **chosen)
+    return build("policy", name, get(name), chosen, context, num_lanes)

@@ -19,7 +19,10 @@ def halve(pairs, small, left, top, right, bottom):
     Args:
         pairs: [2 H, W] uint64, two neighbouring pixels of the large picture in each.
         small: [H, W] uint32, written.
-        left, top, right, bottom: columns and rows of `small`, the last ones excluded.
+        left: first column of `small` to write.
+        top: first row.
+        right: column behind the last one.
+        bottom: row behind the last one.
     """
     for y in range(top, bottom):
         for x in range(left, right):

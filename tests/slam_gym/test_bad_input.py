@@ -38,10 +38,10 @@ def policy(name, **options):
 WRONG = {  # the message, its parts split by |
     # estimators
     "estimator misspelt": (lambda: make("ri-efk"), "unknown estimator 'ri-efk'. Did you mean 'ri-ekf'? Choices: "),
-    "estimator option": (lambda: make("ekf", gates=3), "estimator 'ekf': |gates|slam-gym list ekf"),
+    "estimator option": (lambda: make("ekf", gates=3), "estimator 'ekf': unknown option 'gates'. Did you mean 'gate'?"),
     "text for an option's number": (
         lambda: make("slamto", particles="five"),
-        "estimator 'slamto' cannot be made with particles='five'|slam-gym list slamto",
+        "estimator 'slamto': particles must be a whole number, such as 200; got 'five'",
     ),
     "estimators with a comma": (
         lambda: make("ekf,ri-ekf"),

@@ -178,7 +178,7 @@ def test_the_same_replay_gives_the_same_numbers():
         ({"estimators": ["kalman"]}, "unknown estimator 'kalman'"),
         ({"estimators": []}, "at least one estimator"),
         ({"estimators": ["ideal-ekf"]}, "'ideal-ekf' needs the truth"),
-        ({"estimators": ["ekf:colour=3"]}, "see `slam-gym list ekf`"),
+        ({"estimators": ["ekf:colour=3"]}, "estimator 'ekf': unknown option 'colour'. Choices: "),
         ({"inflations": [-1.0]}, "noise inflation .* must be positive, got -1"),
     ],
 )

@@ -287,7 +287,7 @@ def test_first_sighting_does_not_touch_the_weights(make, oracle):
         ({"association": "jcbb"}, "'known', 'nearest'"),
         ({"match_gate": 30.0, "new_gate": 20.0}, "match_gate at most new_gate"),
         ({"gate": 0.0}, "gates are positive"),
-        ({"partikles": 10}, "unexpected keyword argument"),
+        ({"partikles": 10}, "unknown option 'partikles'. Did you mean 'particles'"),
     ],
 )
 def test_wrong_options(options, message):
