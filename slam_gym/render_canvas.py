@@ -67,13 +67,13 @@ class Canvas:
 
     Args:
         size: [px] of the picture.
-        line_scale: every line is so many times as wide as asked for.
+        line_scale: every line is so many times as wide as asked for; symbols of a fixed size go with it.
     """
 
     def __init__(self, size: tuple[int, int], line_scale: float = 1.0) -> None:
         self.size = size
         self._large = pygame.Surface((size[0] * OVERSAMPLING, size[1] * OVERSAMPLING), 0, 32)
-        self._thickness = OVERSAMPLING * line_scale
+        self.line_scale, self._thickness = line_scale, OVERSAMPLING * line_scale
         self._touched = self._to_wipe = self._large.get_rect()  # boxes around what was drawn: now, the last time
 
     def clip(self, area: pygame.Rect | None) -> None:

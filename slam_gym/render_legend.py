@@ -78,7 +78,7 @@ def _target_symbol(canvas: Canvas, x: float, y: float, size: float) -> None:
 
 def _disc(colour: Colour, outlined: bool) -> Symbol:
     def draw(canvas: Canvas, x: float, y: float, size: float) -> None:
-        canvas.disc((x, y), size if outlined else 3.0, colour)
+        canvas.disc((x, y), size if outlined else 3.0 * canvas.line_scale, colour)
         if outlined:
             canvas.disc((x, y), size, TRUTH, 1.0)
 
@@ -99,12 +99,12 @@ def _ellipse(canvas: Canvas, x: float, y: float, size: float) -> None:
 
 def _dots(canvas: Canvas, x: float, y: float, size: float) -> None:
     for dx, dy in ((-1.0, 0.3), (-0.2, -0.6), (0.4, 0.5), (1.1, -0.2)):
-        canvas.disc((x + dx * size, y + dy * size), 1.2, PARTICLE)
+        canvas.disc((x + dx * size, y + dy * size), 1.2 * canvas.line_scale, PARTICLE)
 
 
 def _cloud_dots(canvas: Canvas, x: float, y: float, size: float) -> None:
     for dx, dy in ((-1.1, -0.2), (-0.4, 0.5), (0.2, -0.6), (1.0, 0.3)):
-        canvas.disc((x + dx * size, y + dy * size), 1.6, CLOUD)
+        canvas.disc((x + dx * size, y + dy * size), 1.6 * canvas.line_scale, CLOUD)
 
 
 def _patch(canvas: Canvas, x: float, y: float, size: float) -> None:

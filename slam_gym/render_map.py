@@ -135,7 +135,7 @@ def draw_landmarks(canvas: Canvas, camera: Camera, frame: Frame) -> None:
             canvas.disc(centre, size, PILLAR)
             canvas.disc(centre, size, TRUTH, 1.0)
         else:
-            canvas.disc(centre, 3.0, TRUTH)
+            canvas.disc(centre, 3.0 * canvas.line_scale, TRUTH)
 
 
 def draw_scan(canvas: Canvas, camera: Camera, frame: Frame, pose: Floats) -> None:
@@ -152,7 +152,7 @@ def draw_scan(canvas: Canvas, camera: Camera, frame: Frame, pose: Floats) -> Non
             canvas.line([eye, end], RAY, 1.0)
         else:
             canvas.dashes([eye, end], CLUTTER, 1.0, 4.0)
-            canvas.cross(end, 4.0, CLUTTER, 1.5, turned=True)
+            canvas.cross(end, 4.0 * canvas.line_scale, CLUTTER, 1.5, turned=True)
 
 
 def draw_trails(canvas: Canvas, camera: Camera, history: History, layers: Layers) -> None:
@@ -171,19 +171,19 @@ def draw_particles(canvas: Canvas, camera: Camera, particles: Floats) -> None:
     """At most 500 of the particles' positions."""
     every = -(-len(particles) // 500)
     shown = particles[::every, :2]
-    canvas.discs(camera.pixels(shown), np.ones(len(shown)), PARTICLE)
+    canvas.discs(camera.pixels(shown), np.full(len(shown), canvas.line_scale), PARTICLE)
 
 
 def draw_cloud(canvas: Canvas, camera: Camera, points: Floats, weights: Floats) -> None:
     """Where a lost target may be: dots whose area goes with their weight."""
     sizes = 1.7 * np.sqrt(weights * len(weights))
-    canvas.discs(camera.pixels(points), np.clip(sizes, 0.8, 5.0), CLOUD)
+    canvas.discs(camera.pixels(points), canvas.line_scale * np.clip(sizes, 0.8, 5.0), CLOUD)
 
 
 def draw_believed_landmarks(canvas: Canvas, camera: Camera, frame: Frame, ellipses: bool) -> None:
     """Mapped landmarks: a plus, and the ellipse that should hold the true one in 95 % of cases."""
     for middle in camera.pixels(frame.belief_landmarks):
-        canvas.cross(middle, 4.0, BELIEVED_LANDMARK, 1.5)
+        canvas.cross(middle, 4.0 * canvas.line_scale, BELIEVED_LANDMARK, 1.5)
     if ellipses:
         for outline in camera.pixels(ellipse_points(frame.belief_landmarks, frame.belief_landmark_cov)):
             canvas.line(outline, BELIEVED_LANDMARK, 1.5, closed=True)

@@ -44,9 +44,10 @@ def rows(frame: Frame) -> list[Row]:
 def _seen(frame: Frame) -> str:
     if frame.target_seen:
         return "in view"
-    if frame.time_since_seen is None or not math.isfinite(frame.time_since_seen):
+    since = frame.time_since_seen
+    if since is None or since > frame.time - 1e-9:  # counted from the start until the first return
         return "not seen yet"
-    return f"unseen {frame.time_since_seen:.1f} s"
+    return f"unseen {since:.1f} s"
 
 
 class Panel:

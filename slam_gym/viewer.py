@@ -168,9 +168,10 @@ class Viewer:
         if time.perf_counter() < self._message_until:
             return self._message
         if self.episode.finished:
-            return "end of the episode"
+            return "the end; enter: next world"
         speed = f"{self.speed:g}" if self.speed >= 1.0 else f"1/{1.0 / self.speed:g}"
-        words = ["paused" if self.paused else f"{speed} x real time"]
+        alone = not self.manual and self._video is None  # with more to say, little room is left on a small screen
+        words = ["paused" if self.paused else f"{speed} x {'real time' if alone else ''}".rstrip()]
         if self.manual:
             words.append("you drive")
         if self._video is not None:

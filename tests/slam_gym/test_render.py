@@ -15,6 +15,9 @@ from slam_gym.render_smooth import halve
 LANDMARKS = np.array([[-6.0, -6.0], [6.0, -5.0], [3.0, 0.5], [-5.0, 5.0]])
 
 
+CLOUD_POINTS = np.array([[-3.0, 3.0], [3.0, -3.0], [4.0, 4.0], [-4.0, -3.5]])
+
+
 def make_frame(step=0, **changes):
     """A robot on a line through pillars, a target ahead of it, a belief a little off."""
     pose = np.array([-4.0 + 0.1 * step, 0.0, 0.1])
@@ -237,10 +240,11 @@ def test_the_panel_says_what_is_known_of_the_target():
     seen = dict(rows(make_frame()))
     assert seen["target"] == "in view"
     assert seen["landmarks mapped"] == "2 of 4"
-    unseen = dict(rows(make_frame(sources=np.array([-1, 0, 2]), time_since_seen=3.25)))
+    unseen = dict(rows(make_frame(50, sources=np.array([-1, 0, 2]), time_since_seen=3.25)))
     assert unseen["target"] == "unseen 3.2 s"
-    never = dict(rows(make_frame(sources=np.array([-1, 0, 2]), time_since_seen=math.inf)))
-    assert never["target"] == "not seen yet"
+    for step in (0, 50):  # the world counts from the start before the first return
+        never = dict(rows(make_frame(step, sources=np.array([-1, 0, 2]), time_since_seen=0.1 * step)))
+        assert never["target"] == "not seen yet"
     assert not any("target" in name for name in dict(rows(make_frame(target=None))))
 
 
@@ -278,6 +282,19 @@ def test_only_the_named_part_of_a_picture_is_halved():
     assert np.array_equal(part[1:4, 2:9], whole[1:4, 2:9])
     part[1:4, 2:9] = 0
     assert not part.any()
+
+
+def test_points_grow_with_the_picture():
+    small, large = (Renderer(size=size) for size in ((800, 600), (1600, 1200)))
+    coloured = []
+    for renderer in (small, large):
+        renderer.layers = Layers(truth=False, trails=False, view=False, scan=False, ellipses=False)
+        with_cloud, without = (renderer.draw(make_frame(**changes)).astype(int) for changes in (
+            {"particles": None, "cloud": CLOUD_POINTS, "cloud_weights": np.full(4, 0.25)}, {"particles": None},
+        ))  # fmt: skip
+        map_only = (slice(0, renderer._map.height), slice(0, renderer._map.width))
+        coloured.append((with_cloud != without)[map_only].any(axis=2).sum())
+    assert 2.5 < coloured[1] / coloured[0] < 5.5  # areas: four times
 
 
 def test_nothing_remains_of_the_picture_before():

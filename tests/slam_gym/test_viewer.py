@@ -8,6 +8,7 @@ import slam_gym.viewer
 from slam_gym.cli import main
 from slam_gym.episode import Episode
 from slam_gym.render import Renderer
+from slam_gym.render_canvas import font
 from slam_gym.scenario import Scenario
 from slam_gym.viewer import KEYS, Viewer, check_display
 
@@ -126,11 +127,26 @@ def test_arrow_keys_take_over_and_p_gives_back(viewer):
     assert viewer.episode.simulation.world.odometry[0, 0] == pytest.approx(0.5)
 
 
+def test_all_that_the_note_says_has_room_on_a_small_screen(viewer):
+    viewer.renderer = Renderer("rgb_array", (800, 600))
+    for character in "-----":
+        type_(viewer, character)
+    viewer.tick(0.0)
+    assert viewer.renderer.note == "1/16 x real time"
+    press(viewer, pygame.K_LEFT)
+    type_(viewer, "m")
+    viewer.tick(0.0)
+    panel = viewer.renderer._panel
+    assert viewer.renderer.note == "1/16 x, you drive, recording"
+    assert font(round(0.85 * panel.letter), bold=True).size(viewer.renderer.note)[0] <= panel.right - panel.left
+    viewer.close()
+
+
 def test_enter_begins_the_next_world_after_the_end(viewer):
     for _ in range(60):
         viewer.tick(0.2)
     assert viewer.episode.finished
-    assert viewer.renderer.note == "end of the episode"
+    assert viewer.renderer.note == "the end; enter: next world"
     press(viewer, pygame.K_RETURN, "\r")
     viewer.tick(0.0)
     assert viewer.episode.seed == 4
