@@ -101,7 +101,7 @@ class Compare:
         if self.estimator_options:
             chosen = [Spec.parse(name).name for name in self.estimators]
             options = parse_options(self.estimator_options, chosen or None)
-        with progress_bar() as progress:
+        with progress_bar() as progress, said_how_to_go_on(out):
             results = compare(
                 self.scenarios, self.estimators or None, self.policies or None,
                 runs=self.runs, seed=self.seed, mode=self.mode, driver=self.driver or None, steps=self.steps,
@@ -113,6 +113,17 @@ class Compare:
             )  # fmt: skip
         finish(results, Console(), print_results)
         return 0
+
+
+@contextmanager
+def said_how_to_go_on(out: Path) -> Iterator[None]:
+    """After a Ctrl-C: what is done is kept, and which call goes on with it."""
+    try:
+        yield
+    except KeyboardInterrupt:
+        if any(out.glob("parts/*/*")):
+            print(f"\nStopped; the same command with --resume goes on. Until then: {out}", file=sys.stderr)
+        raise
 
 
 def finish(results: "Results", console: Any, print_results: Any) -> None:

@@ -4,6 +4,7 @@ import time
 
 import pytest
 
+import slam_gym.evaluation
 from slam_gym import cli
 from slam_gym.commands.compare import parse_shard
 from slam_gym.specs import Spec, parse_options, parse_settings
@@ -75,6 +76,20 @@ def test_ctrl_c_ends_quietly(monkeypatch, capsys):
     monkeypatch.setattr(cli, "_load", lambda *_: Interrupted())
     assert cli.main(["compare"]) == 130
     assert "Interrupted" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("done", [True, False])
+def test_a_comparison_that_was_stopped_says_how_to_go_on(monkeypatch, capsys, tmp_path, done):
+    def stopped(*_, **__):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(slam_gym.evaluation, "compare", stopped)
+    call = ["compare", "--out", str(tmp_path / "results"), "--estimators", "ekf"]
+    if done:
+        (tmp_path / "results/parts/000").mkdir(parents=True)
+        (tmp_path / "results/parts/000/000000.npz").touch()
+    assert cli.main(call) == 130
+    assert ("the same command with --resume goes on" in capsys.readouterr().err) == done
 
 
 def test_names_take_options_after_a_colon():
