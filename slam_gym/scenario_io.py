@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from estimators import registry
 from estimators.registry import unknown_name
 from slam_gym.scenario_fields import check_keys
 
@@ -39,7 +40,10 @@ def read(source: str | Path | Mapping[str, Any]) -> dict[str, Any]:
     if text in preset_names():
         return tomllib.loads(_PRESETS.joinpath(f"{text}.toml").read_text(encoding="utf-8"))
     if not (isinstance(source, Path) or text.endswith(".toml") or "/" in text or "\\" in text):
-        raise ValueError(unknown_name("scenario", text, preset_names()) + ", or the path of a .toml file")
+        hint = ", or the path of a .toml file"
+        if text.partition(":")[0] in registry.names():
+            hint += f". {text!r} is an estimator: --estimators {text} at the command line"
+        raise ValueError(unknown_name("scenario", text, preset_names()) + hint)
     path = Path(source)
     if not path.is_file():
         raise FileNotFoundError(f"no scenario file {text!r}")

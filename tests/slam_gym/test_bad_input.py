@@ -75,6 +75,10 @@ WRONG = {  # the message, its parts split by |
     ),
     "name taken": (lambda: registry.register("ekf", estimators.Estimator), "an estimator named 'ekf' exists already"),
     # scenarios
+    "an estimator in a scenario's place": (
+        lambda: Scenario.load("slamto:particles=5"),
+        "unknown scenario 'slamto:particles=5'|is an estimator: --estimators slamto:particles=5",
+    ),
     "scenario misspelt": (
         lambda: Scenario.load("defualt"),
         "unknown scenario 'defualt'. Did you mean 'default'?|path of a .toml file",
