@@ -21,7 +21,7 @@ class Reproduce:
     Examples:
       slam-gym reproduce list                        what there is, with the verdicts on record
       slam-gym reproduce slamto-1 --quick            a look with few runs, under a minute
-      slam-gym reproduce all                         everything at full size: about half an hour on two cores
+      slam-gym reproduce all                         everything at full size: some ten minutes on two cores
       slam-gym reproduce all --resume                go on after Ctrl-C or a crash
       slam-gym reproduce cdkf-sparse --webmap PATH   on the published map, a folder with webmap_landmarks.csv
     """
