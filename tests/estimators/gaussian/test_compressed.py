@@ -167,7 +167,7 @@ def test_bound_calls_are_the_methods(drive):
     ("options", "message"),
     [
         ({"active": 0}, "active must be a whole number of landmarks"),
-        ({"active": 2.5}, "active must be a whole number of landmarks"),
+        ({"active": 2.5}, "active must be a whole number"),
         ({"association": "nearest"}, 'association="known"'),
         ({"target": TargetModel(kind="imm")}, "imm"),
     ],

@@ -223,7 +223,7 @@ def test_sharp_returns_leave_the_information_definite_where_a_target_enters(mode
 
 @pytest.mark.parametrize("active", [0, 2.5, True])
 def test_wrong_bound(active):
-    with pytest.raises(ValueError, match="whole number of landmarks"):
+    with pytest.raises(ValueError, match="active must be a whole number"):
         registry.make("seif", MOTION, SENSOR, None, max_landmarks=1, active=active)
 
 
