@@ -6,6 +6,7 @@ from typing import Any, Literal
 import numpy as np
 
 from agents.planning.beam import PURSUE, best_command
+from agents.planning.limits import NO_LIMIT, check_counts
 from agents.planning.pursuit_hunt import PursuitHunt
 from agents.planning.state import MARK, from_joint, from_marginals
 from agents.scripted.pursuit import Pursuit
@@ -19,7 +20,6 @@ COMMANDS = ((0.0, 0.0), (1.0, 0.0), (1.0, 0.5), (1.0, -0.5), (1.0, 1.0), (1.0, -
 """What a segment may do, as shares of the highest speed and turn rate; the first stands for pursuit."""
 _LOST, _LOST_SEARCHING = 1.0, 0.3  # [m] a cloud that knows where nothing was seen is worth asking sooner
 _HARD = -1.0  # softness that makes every edge of the visibility hard
-_NO_SPEED_LIMIT = 1e6  # [m/s] or [rad/s] in the place of infinity, which a plan cannot be made with
 
 
 class RecedingHorizon(Policy):
@@ -57,8 +57,7 @@ class RecedingHorizon(Policy):
 
     Measured (docs/policies.md has the command; options chosen on other seeds): share of the gap between pursuit and the
     oracle that is closed in time lost, 200 worlds, with 95 % intervals: default 0.91 (0.78 to 1.01), evasive-hard 0.88
-    (0.75 to 1.01), discovery 0.42 (0.33 to 0.51). Most of that is the hunt for a lost target. A decision takes 0.1 ms
-    while it tracks; while it hunts one in four takes 1.2 to 1.5 ms and the others 0.04 ms (one core, medians).
+    (0.75 to 1.01), discovery 0.42 (0.33 to 0.51). Most of that is the hunt for a lost target.
 
     Args:
         context: models and limits.
@@ -110,9 +109,7 @@ class RecedingHorizon(Policy):
     ) -> None:
         super().__init__(context, num_lanes)
         name = type(self).__name__
-        for option, count in (("horizon", horizon), ("beam", beam), ("landmarks", landmarks)):
-            if isinstance(count, bool) or not isinstance(count, int) or not 1 <= count <= 64:
-                raise ValueError(f"{name}: {option} must be a whole number from 1 to 64; got {count!r}")
+        check_counts(name, horizon=horizon, beam=beam, landmarks=landmarks)
         if lost_std is None:
             lost_std = _LOST_SEARCHING if search else _LOST
         numbers = {
@@ -152,13 +149,13 @@ class RecedingHorizon(Policy):
 
     def _set_commands(self) -> None:
         context = self.context
-        high, turn = min(context.speed_max, _NO_SPEED_LIMIT), min(context.turn_max, _NO_SPEED_LIMIT)
+        high, turn = min(context.speed_max, NO_LIMIT), min(context.turn_max, NO_LIMIT)
         curvature = math.inf
         if context.is_bicycle:
             curvature = math.sin(context.steering_max) / context.motion.wheelbase
             turn = high * curvature
         self._commands = np.array(COMMANDS) * (high, turn)
-        self._limits = (max(context.speed_min, -_NO_SPEED_LIMIT), high, turn, curvature)
+        self._limits = (max(context.speed_min, -NO_LIMIT), high, turn, curvature)
         self._model = pack_models(context.motion, context.sensor, context.target)[()]
 
     def _allocate(self, landmarks: int, beam: int) -> None:

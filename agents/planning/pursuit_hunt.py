@@ -5,13 +5,13 @@ import math
 import numpy as np
 
 from agents.planning.hunt import best_hunt
+from agents.planning.limits import NO_LIMIT, check_counts
 from agents.scripted.follower import Follower
 from estimators.interface import Belief
 from slam_gym.policies import Ints, PolicyContext
 
 COMMANDS = ((1.0, 0.0), (1.0, 0.5), (1.0, -0.5), (1.0, 1.0), (1.0, -1.0), (0.0, 1.0), (0.0, -1.0), (0.0, 0.0))
 """What a segment may do, as shares of the highest speed and turn rate; a bicycle those that drive."""
-_NO_LIMIT = 1e6  # [m/s] or [rad/s] in the place of infinity, which a plan cannot be made with
 
 
 class PursuitHunt(Follower):
@@ -86,9 +86,7 @@ class PursuitHunt(Follower):
             context, num_lanes, stand_off=stand_off, speed_gain=speed_gain, turn_gain=turn_gain, lead=lead,
             lost_std=lost_std,
         )  # fmt: skip
-        for option, count in (("segments", segments), ("looks", looks), ("beam", beam)):
-            if isinstance(count, bool) or not isinstance(count, int) or not 1 <= count <= 64:
-                raise ValueError(f"{self.name}: {option} must be a whole number from 1 to 64; got {count!r}")
+        check_counts(self.name, segments=segments, looks=looks, beam=beam)
         self._check(patience=patience, clearance=clearance, margin=margin, replan=replan)
         if not 0.0 < look < math.inf:
             raise ValueError(f"{self.name}: look must be a finite number above zero; got {look!r}")
@@ -108,7 +106,7 @@ class PursuitHunt(Follower):
 
     def _set_commands(self) -> None:
         context, commands = self.context, np.array(COMMANDS)
-        speed, turn = min(context.speed_max, _NO_LIMIT), min(context.turn_max, _NO_LIMIT)
+        speed, turn = min(context.speed_max, NO_LIMIT), min(context.turn_max, NO_LIMIT)
         if context.is_bicycle:
             commands = commands[commands[:, 0] > 0.0]
             turn = speed * math.sin(context.steering_max) / context.motion.wheelbase

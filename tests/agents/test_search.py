@@ -86,7 +86,7 @@ def test_a_world_without_a_target_is_no_error():
     assert np.isfinite(record["robot_error"]).all()
 
 
-@pytest.mark.parametrize("name", ["search", "pursuit-search"])
+@pytest.mark.parametrize("name", ["search", "pursuit-search", "pursuit-hunt"])
 def test_lanes_decide_as_single_robots_do(name):
     scenario = Scenario.load("discovery")
     context = policies.PolicyContext.from_scenario(scenario)
@@ -94,7 +94,7 @@ def test_lanes_decide_as_single_robots_do(name):
     def actions(seeds):
         simulation, policy = Simulation(scenario, [("ekf", {})], len(seeds)), policies.make(name, context, len(seeds))
         if policy.needs_target_cloud:
-            simulation.attach_cloud(policy.needs_target_cloud)
+            simulation.attach_cloud(policy.needs_target_cloud, **policy.target_cloud_options)
         simulation.reset(np.array(seeds))
         policy.reset(np.arange(len(seeds)), np.array(seeds))
         taken = []

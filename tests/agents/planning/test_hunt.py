@@ -12,7 +12,6 @@ from slam_gym import policies
 from slam_gym.evaluation_plan import Combination
 from slam_gym.evaluation_unit import simulate
 from slam_gym.scenario import Scenario
-from slam_gym.simulation import Simulation
 from slam_gym.specs import Spec
 from slam_gym.stats import paired_difference
 from slam_gym.tables import run_table
@@ -104,27 +103,6 @@ def test_it_awaits_what_comes():
              (coming, still([3.0, 0.7]))]  # fmt: skip
     assert costs[0] < 0.6 * costs[1]
     assert COMMANDS[hunt([0, 0, 0], still([3.0, 0.7]), [1.0], pillar)] != (0.0, 0.0)
-
-
-def test_lanes_decide_as_single_robots_do():
-    scenario = Scenario.load("discovery")
-    context = policies.PolicyContext.from_scenario(scenario)
-
-    def actions(seeds):
-        simulation = Simulation(scenario, [("ekf", {})], len(seeds))
-        policy = policies.make("pursuit-hunt", context, len(seeds))
-        simulation.attach_cloud(policy.needs_target_cloud, **policy.target_cloud_options)
-        simulation.reset(np.array(seeds))
-        policy.reset(np.arange(len(seeds)), np.array(seeds))
-        taken = []
-        for _ in range(40):
-            taken.append(policy.act(None, simulation.estimators[0].belief).copy())
-            simulation.advance(context.action_map.to_command(taken[-1]))
-        return np.array(taken)
-
-    together = actions([3, 4, 5])
-    for i, seed in enumerate([3, 4, 5]):
-        assert np.array_equal(together[:, i], actions([seed])[:, 0])
 
 
 def test_a_bicycle_is_never_told_to_turn_on_the_spot(make_context):
