@@ -87,8 +87,9 @@ class Renderer:
         self._letter = letter
         self._canvas = Canvas(size, max(1.0, letter / SMALL_LETTER))
         self.surface = pygame.Surface(size, 0, 32)  # the latest picture
-        if self.window is not None and self.window.get_masks() == self.surface.get_masks():
-            self.surface = self.window  # pixels as ours: drawing there saves a copy
+        if self.window is not None and self.window.get_size() == size:
+            if self.window.get_masks() == self.surface.get_masks():
+                self.surface = self.window  # pixels as ours: drawing there saves a copy
 
     def draw(self, frame: Frame, history: History | None = None) -> NDArray[np.uint8] | None:
         """Record the frame, draw it, and show or return it.
@@ -103,6 +104,7 @@ class Renderer:
         if history is None:
             history = self.history
             history.record(frame)
+        self._match_window()
         self._paint(frame, history)
         if self.mode == "human":
             self._show()
@@ -120,6 +122,16 @@ class Renderer:
             self.surface = self.surface.copy()  # the last picture outlives the window
             self.window = None
             pygame.display.quit()
+
+    def _match_window(self) -> None:
+        """Take the window's size before drawing: whenever events are fetched, it may have got another one."""
+        if self.window is None:
+            return
+        pygame.event.pump()
+        width, height = self.window.get_size()
+        size = (max(width, SMALLEST[0]), max(height, SMALLEST[1]))
+        if size != self.size or self.surface.get_size() != size:
+            self._lay_out(size)
 
     def _paint(self, frame: Frame, history: History) -> None:
         has_target = frame.target is not None
@@ -181,10 +193,6 @@ class Renderer:
         assert self.window is not None and self._clock is not None
         if self.surface is not self.window:
             self.window.blit(self.surface, (0, 0))
-        pygame.event.pump()
         pygame.display.flip()
         if self.fps:
             self._clock.tick(self.fps)
-        width, height = self.window.get_size()
-        if (width, height) != self.size:  # resized by the user: from the next picture on
-            self._lay_out((max(width, SMALLEST[0]), max(height, SMALLEST[1])))

@@ -95,6 +95,7 @@ class Canvas:
 
     def onto(self, surface: pygame.Surface, area: pygame.Rect) -> None:
         """Scale an area down onto the same area of a surface of the final size."""
+        area = area.clip(surface.get_rect())  # the kernel checks no bounds
         large, small = pygame.surfarray.pixels2d(self._large), pygame.surfarray.pixels2d(surface)  # [W, H], locked
         halve(large.T.view(np.uint64), small.T, area.left, area.top, area.right, area.bottom)
 

@@ -179,6 +179,7 @@ class Viewer:
         return ", ".join(words)
 
     def _save(self) -> None:
+        self._draw()  # keys and sizes of this moment are not on the picture yet
         file = self._unused_file(".png")
         try:
             pygame.image.save(self.renderer.surface, str(file))

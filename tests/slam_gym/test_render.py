@@ -78,6 +78,23 @@ def test_a_window_shows_the_same_pixels(monkeypatch):
     np.testing.assert_array_equal(window.pixels(), array.pixels())
 
 
+def test_a_window_may_get_another_size_between_two_pictures(monkeypatch):
+    """Also a smaller one, in which the old picture's last rows would be written behind the window's memory."""
+    monkeypatch.setenv("SDL_VIDEODRIVER", "dummy")
+    window = Renderer("human", (600, 400))
+    try:
+        for size in ((600, 300), (320, 300), (900, 700), (160, 120), (100, 80), (160, 120)):
+            pygame.display.set_mode(size, pygame.RESIZABLE)
+            window.draw(make_frame())
+            drawn = (max(size[0], 160), max(size[1], 120))
+            array = Renderer("rgb_array", drawn).draw(make_frame())
+            np.testing.assert_array_equal(window.pixels(), array)
+            shown = pygame.surfarray.array3d(window.window).swapaxes(0, 1)
+            np.testing.assert_array_equal(shown, array[: size[1], : size[0]])
+    finally:
+        window.close()
+
+
 def test_fonts_survive_a_quit_elsewhere():
     before = picture(make_frame(), (800, 600))
     pygame.quit()
