@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from slam_gym.render_canvas import Camera, Canvas, text
 from slam_gym.render_frame import Frame, History
+from slam_gym.render_legend import AXIS
 from slam_gym.render_map import BACKGROUND, INK, Layers, bounds, draw_map, grid_step
 from slam_gym.render_panel import Panel
 from slam_gym.render_pygame import pygame
@@ -143,14 +144,17 @@ class Renderer:
         if self._strip:
             self._strip.shapes(self._canvas, history, has_target)
             self._canvas.onto(self.surface, self._strip.area)
+        shown = replace(self.layers, truth=True, belief=True) if self.split else self.layers
         if self._panel:
-            self._panel.shapes(self._canvas, self.surface, frame, self.layers)
+            self._panel.shapes(self._canvas, self.surface, frame, shown)
         small = max(9, round(0.85 * self._letter))
         self._scale_bar(camera, small)
+        if self.split:  # followed, both floors may reach the middle
+            self.surface.fill(AXIS, (self._map.left + self._map.width // 2 - 1, self._map.top, 2, self._map.height))
         for area, _, title in self._views():
             text(self.surface, title, (area.left + self._letter, area.top + 4), INK, self._letter, bold=True)
         if self._panel:
-            self._panel.words(self.surface, frame, self.layers, self.keys, self.note)
+            self._panel.words(self.surface, frame, shown, self.keys, self.note)
         if self._strip:
             self._strip.words(self.surface, history, has_target)
 

@@ -195,24 +195,33 @@ def font(size: int, bold: bool = False) -> pygame.font.Font:
 
 def text(
     surface: pygame.Surface, words: str, position: Sequence[float], colour: Colour, size: int, *,
-    bold: bool = False, align: str = "left", max_width: float = math.inf,
+    bold: bool = False, align: str = "left", max_width: float = math.inf, cut: str = "end",
 ) -> int:  # fmt: skip
     """Write one line with its top at `position`, cut with an ellipsis where too wide; returns its height [px].
 
     align: which part of the line `position` names: "left", "right" or "centre".
+    cut: where the ellipsis stands: at the "end", or in the "middle" where the end says as much as the beginning.
     """
-    image = _written(words, colour, size, bold, max_width)
+    image = _written(words, colour, size, bold, max_width, cut)
     shift = {"left": 0.0, "right": 1.0, "centre": 0.5}[align] * image.get_width()
     surface.blit(image, (round(position[0] - shift), round(position[1])))
     return image.get_height()
 
 
 @lru_cache(maxsize=512)
-def _written(words: str, colour: Colour, size: int, bold: bool, max_width: float) -> pygame.Surface:
+def _written(words: str, colour: Colour, size: int, bold: bool, max_width: float, cut: str) -> pygame.Surface:
     """The picture of a line: nearly all that is written was there in the picture before."""
     letters = font(size, bold)
-    if letters.size(words)[0] > max_width:
-        while words and letters.size(words + "…")[0] > max_width:
-            words = words[:-1]
-        words += "…"
-    return letters.render(words, True, colour)
+    return letters.render(shortened(words, letters, max_width, cut), True, colour)
+
+
+def shortened(words: str, letters: pygame.font.Font, max_width: float, cut: str = "end") -> str:
+    """The words, with an ellipsis for what has no room."""
+    if letters.size(words)[0] <= max_width:
+        return words
+    for kept in range(len(words) - 1, 0, -1):
+        tail = kept // 2 if cut == "middle" else 0
+        shorter = f"{words[: kept - tail]}…{words[len(words) - tail :]}"
+        if letters.size(shorter)[0] <= max_width:
+            return shorter
+    return "…"

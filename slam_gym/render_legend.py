@@ -99,7 +99,7 @@ def _ellipse(canvas: Canvas, x: float, y: float, size: float) -> None:
 
 def _dots(canvas: Canvas, x: float, y: float, size: float) -> None:
     for dx, dy in ((-1.0, 0.3), (-0.2, -0.6), (0.4, 0.5), (1.1, -0.2)):
-        canvas.disc((x + dx * size, y + dy * size), 1.2 * canvas.line_scale, PARTICLE)
+        canvas.disc((x + dx * size, y + dy * size), 1.6 * canvas.line_scale, PARTICLE)
 
 
 def _cloud_dots(canvas: Canvas, x: float, y: float, size: float) -> None:

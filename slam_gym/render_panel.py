@@ -36,8 +36,7 @@ def rows(frame: Frame) -> list[Row]:
         found[3:3] = [("target error", number(frame.target_error, "m"))]
         found[5:5] = [("target NEES", number(frame.target_nees, "", 1))]
         found.append(("target", _seen(frame)))
-    if frame.collisions:
-        found.append(("collisions", str(frame.collisions)))
+    found.append(("collisions", str(frame.collisions)))  # also when there are none: no row comes and goes
     return found
 
 
@@ -55,7 +54,7 @@ class Panel:
 
     def __init__(self, area: pygame.Rect, letter: int) -> None:
         self.area, self.letter = area, letter
-        self.line = round(1.4 * letter)
+        self.line = round(1.3 * letter)
         self.left, self.right = area.left + letter, area.right - letter
         self._paper = pygame.Surface(area.size, 0, 32)  # what stays from one picture to the next
         self._drawn: tuple[object, ...] = ()  # what the paper shows
@@ -105,7 +104,9 @@ class Panel:
         if y < used + step:  # no room for all of them: the last ones are left out
             y = round(used + step)
         if note:
-            text(surface, note, (self.left, y - 1.5 * step), INK, small, bold=True, max_width=self.right - self.left)
+            place = (self.left, y - 1.5 * step)
+            room = self.right - self.left
+            text(surface, note, place, INK, small, bold=True, max_width=room, cut="middle")
         for key, meaning in keys:
             if y + step > self.area.bottom:
                 break

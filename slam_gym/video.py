@@ -46,13 +46,15 @@ class VideoWriter:
                 import imageio_ffmpeg  # type: ignore[import-untyped]
             except ImportError as error:
                 raise ImportError("an MP4 needs `pip install imageio-ffmpeg`; a .gif needs nothing") from error
-            self._pipe = imageio_ffmpeg.write_frames(str(self.file), size, fps=fps, macro_block_size=2, quality=7)
+            even = (size[0] - size[0] % 2, size[1] - size[1] % 2)  # what the codec asks for: a last row may be left out
+            self._pipe = imageio_ffmpeg.write_frames(str(self.file), even, fps=fps, macro_block_size=2, quality=7)
             self._pipe.send(None)
 
     def write(self, picture: NDArray[np.uint8]) -> None:
         """Append one picture [height, width, 3]."""
         if self._pipe is not None:
-            self._pipe.send(picture)
+            height, width = picture.shape[:2]
+            self._pipe.send(np.ascontiguousarray(picture[: height - height % 2, : width - width % 2]))
             return
         from PIL import Image
 

@@ -23,9 +23,8 @@ KEYS = (
     ("v c x", "view, sweep, particles"),
     ("f", "follow robot, target"),
     ("arrows p", "drive, policy again"),
-    ("enter", "next world"),
     ("s m", "save PNG, video"),
-    ("q", "quit"),
+    ("enter q", "next world, quit"),
 )
 TOGGLES = {"t": "truth", "b": "belief", "e": "ellipses", "r": "trails", "v": "view", "c": "scan", "x": "particles",
            "l": "cloud"}  # fmt: skip
@@ -53,6 +52,7 @@ class Viewer:
         self.manual = False
         self._histories = [History() for _ in episode.names]
         self._owed = 0.0  # [s] of simulated time that the clock is ahead
+        self._late_until = 0.0  # until when to say that the machine does not keep pace
         self._message, self._message_until = "", 0.0
         self._held: set[int] = set()
         self._video: VideoWriter | None = None
@@ -79,8 +79,9 @@ class Viewer:
             while self._owed >= dt and not self.episode.finished:
                 self._step()
                 self._owed -= dt
-                if time.perf_counter() > deadline:
+                if time.perf_counter() > deadline and self._owed >= dt:
                     self._owed = 0.0
+                    self._late_until = deadline + NOTE_TIME
         self._draw()
         self._film(elapsed)
 
@@ -168,8 +169,10 @@ class Viewer:
         if time.perf_counter() < self._message_until:
             return self._message
         if self.episode.finished:
-            return "the end; enter: next world"
+            return "the end; enter: next world" if self._video is None else "the end (enter), recording"
         speed = f"{self.speed:g}" if self.speed >= 1.0 else f"1/{1.0 / self.speed:g}"
+        if time.perf_counter() < self._late_until:
+            speed = f"< {speed}"  # as fast as it can, but not so fast
         alone = not self.manual and self._video is None  # with more to say, little room is left on a small screen
         words = ["paused" if self.paused else f"{speed} x {'real time' if alone else ''}".rstrip()]
         if self.manual:

@@ -6,11 +6,12 @@ import pytest
 
 from estimators.interface import TARGET
 from slam_gym.render import Frame, History, Layers, Renderer
-from slam_gym.render_canvas import Camera, ellipse_points, font, text
-from slam_gym.render_legend import legend
+from slam_gym.render_canvas import Camera, ellipse_points, font, shortened, text
+from slam_gym.render_legend import AXIS, PAPER, legend
 from slam_gym.render_map import view_outline
 from slam_gym.render_panel import UNDEFINED, number, rows
 from slam_gym.render_smooth import halve
+from slam_gym.viewer import KEYS
 
 LANDMARKS = np.array([[-6.0, -6.0], [6.0, -5.0], [3.0, 0.5], [-5.0, 5.0]])
 
@@ -153,6 +154,17 @@ def test_side_by_side_the_left_half_is_truth_alone_and_the_right_half_belief_alo
     assert (one[:, left] != third[:, left]).any()
 
 
+def test_side_by_side_the_legend_holds_both_and_a_line_divides_them():
+    """Whichever is hidden in the overlay; followed, the floors of both reach the middle."""
+    hidden = Layers(truth=False, belief=False)
+    np.testing.assert_array_equal(
+        picture(make_frame(), (800, 600), hidden, split=True), picture(make_frame(), (800, 600), split=True)
+    )
+    image = picture(make_frame(arena=(80.0, 80.0)), (800, 600), follow="robot", split=True)
+    middle = Renderer(size=(800, 600))._map.width // 2
+    assert (image[200:480, middle] == AXIS).all()
+
+
 def test_the_strip_shows_the_reward():
     good, bad = History(), History()
     for step in range(20):
@@ -279,6 +291,16 @@ def test_long_words_are_cut():
     assert font(14) is font(14)
 
 
+def test_a_cut_in_the_middle_keeps_both_ends():
+    """A file's name ends in what tells it from the others."""
+    found = shortened("saved default-dead-reckoning-277.mp4", font(14), 120, "middle")
+    assert found.startswith("saved …")
+    assert found.endswith("7.mp4")
+    assert font(14).size(found)[0] <= 120
+    assert shortened("saved", font(14), 120, "middle") == "saved"
+    assert shortened("saved", font(14), 1) == "…"
+
+
 def test_a_picture_is_halved_by_the_mean_of_four_pixels():
     large = np.random.default_rng(0).integers(0, 256, (12, 20, 4), dtype=np.uint8)
     small = np.zeros((6, 10), dtype=np.uint32)
@@ -328,6 +350,23 @@ def test_nothing_remains_of_the_picture_before():
             history = History()
             history.record(frame)
             assert np.array_equal(kept.draw(frame, history), fresh.draw(frame, history))
+
+
+@pytest.mark.parametrize("size", [(800, 600), (1200, 800), (1920, 1080)])
+def test_the_panel_has_room_for_all_that_may_stand_in_it(size):
+    frame = make_frame(keeps_cloud=True, false_alarms=True, collisions=3)
+    renderer = Renderer(size=size)
+    renderer.keys = KEYS
+    without = renderer.draw(frame)
+    renderer.note = "1/16 x, you drive, recording"
+    changed = (renderer.draw(frame) != without).any(axis=(1, 2))
+    assert changed.any()
+    panel = without[changed, size[0] - renderer._panel.area.width + 2 :]
+    assert (panel == PAPER).all()  # the note stands on nothing else
+    renderer.keys, renderer.note = KEYS[:-1], ""
+    fewer = renderer.draw(frame)
+    last = slice(size[1] - 2 * renderer._letter, None)
+    assert (fewer[last] != without[last]).any()  # the last key is on the picture
 
 
 def test_the_legend_stays_while_the_target_comes_and_goes():

@@ -142,6 +142,37 @@ def test_all_that_the_note_says_has_room_on_a_small_screen(viewer):
     viewer.close()
 
 
+def test_the_note_says_when_the_machine_does_not_keep_pace(viewer, monkeypatch):
+    monkeypatch.setattr(slam_gym.viewer, "BUSY", 0.0)
+    for _ in range(6):
+        type_(viewer, "+")
+    viewer.tick(0.01)  # one step fits, 0.64 s were asked for
+    viewer.tick(0.0)
+    assert viewer.episode.step_count == 1
+    assert viewer.renderer.note == "< 64 x real time"
+
+
+def test_a_recording_is_on_screen_also_at_the_end(viewer):
+    type_(viewer, "m")
+    for _ in range(60):
+        viewer.tick(0.2)
+    assert viewer.episode.finished
+    assert "recording" in viewer.renderer.note
+    viewer.close()
+
+
+def test_a_video_of_an_odd_size_is_as_large_as_the_codec_takes(viewer, tmp_path, capfd):
+    viewer.renderer = Renderer("rgb_array", (563, 421))
+    type_(viewer, "m")
+    viewer.tick(0.1)
+    type_(viewer, "m")
+    (file,) = tmp_path.glob("*.mp4")
+    read = imageio_ffmpeg.read_frames(str(file))
+    assert next(read)["size"] == (562, 420)
+    read.close()
+    assert "WARNING" not in capfd.readouterr().err
+
+
 def test_enter_begins_the_next_world_after_the_end(viewer):
     for _ in range(60):
         viewer.tick(0.2)
