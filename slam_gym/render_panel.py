@@ -83,7 +83,7 @@ class Panel:
         width = self.right - self.left
         y = self.area.top + round(0.7 * self.letter)
         y += text(surface, frame.scenario, (self.left, y), FAINT, self.letter, max_width=width) + 2
-        text(surface, frame.estimator, (self.left, y), INK, round(1.25 * self.letter), bold=True, max_width=width)
+        text(surface, frame.estimator, (self.left, y), INK, self._title_size(frame), bold=True, max_width=width)
         y = self._rows_top()
         for name, value in rows(frame):
             text(surface, name, (self.left, y), FAINT, self.letter)
@@ -104,9 +104,8 @@ class Panel:
         if y < used + step:  # no room for all of them: the last ones are left out
             y = round(used + step)
         if note:
-            place = (self.left, y - 1.5 * step)
-            room = self.right - self.left
-            text(surface, note, place, INK, small, bold=True, max_width=room, cut="middle")
+            room, top = self.right - self.left, y - 1.5 * step
+            text(surface, note, (self.left, top), INK, small, bold=True, max_width=room, cut="middle")
         for key, meaning in keys:
             if y + step > self.area.bottom:
                 break
@@ -114,6 +113,11 @@ class Panel:
             place = (self.left + 5.7 * small, y)
             text(surface, meaning, place, FAINT, small, max_width=self.right - place[0])
             y += step
+
+    def _title_size(self, frame: Frame) -> int:
+        """[px] large, but for an estimator whose options would have no room so."""
+        large = round(1.25 * self.letter)
+        return large if font(large, bold=True).size(frame.estimator)[0] <= self.right - self.left else self.letter
 
     def _rows_top(self) -> int:
         return self.area.top + round(3.9 * self.letter)
