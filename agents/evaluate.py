@@ -176,6 +176,7 @@ def print_judgement(table: "pd.DataFrame", console: Any, margin: float) -> None:
     unit = "The training seed is the unit" if table["seeds"].max() > 1 else "The world is the unit"
     console.print(
         f"{unit}; a win or a loss is an interval without zero, {NOT_WORSE}: one below +{margin:.0%} of the other. "
+        "Errors and NEES are means over steps and worlds. "
         "Target errors count at most 8 m a step, and 8 m while the target is not known; lost: unseen for over 2 s.",
         style="dim", highlight=False,
     )  # fmt: skip

@@ -8,7 +8,7 @@ import inspect
 import numbers
 from collections.abc import Callable, Iterable, Mapping
 from importlib import import_module
-from importlib.metadata import entry_points
+from importlib.metadata import EntryPoint, entry_points
 from typing import Any
 
 import numpy as np
@@ -93,8 +93,20 @@ def get(name: str) -> type[Estimator]:
         return getattr(import_module(module), attribute)
     for point in entry_points(group=ENTRY_POINT_GROUP):
         if point.name == name:
-            return point.load()
+            return load_plugin("estimator", point)
     raise ValueError(unknown_name("estimator", name, names(), OWN_ESTIMATOR))
+
+
+def load_plugin(kind: str, point: EntryPoint) -> Any:
+    """The class that an entry point names.
+
+    Raises:
+        ImportError: its module cannot be imported, or holds no such class; the message names the plug-in.
+    """
+    try:
+        return point.load()
+    except (ImportError, AttributeError) as error:
+        raise ImportError(f"{kind} {point.name!r} cannot be loaded from {point.value!r}: {error}") from error
 
 
 def make(

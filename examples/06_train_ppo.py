@@ -1,6 +1,6 @@
 """Train a policy with Stable-Baselines3's PPO in many worlds at once, and drive with it.
 
-python examples/06_train_ppo.py [decisions] [lanes]      needs pip install 'slam-gym[rl]'
+python examples/06_train_ppo.py [decisions] [lanes]      needs pip install -c constraints.txt ".[rl]"
 
 `slam-gym train` does the same with evaluations, the best policy kept, TensorBoard and --resume.
 """

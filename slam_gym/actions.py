@@ -82,10 +82,13 @@ class ActionMap:
         """Physical commands [L, 2] (speed [m/s], turn rate [rad/s] or steering angle [rad]) of actions [L, 2].
 
         Raises:
-            ValueError: an action that is not a finite number.
+            ValueError: an action that is not a finite number, or not two per lane.
         """
-        command = np.empty((len(action), 2))
-        if not self.fill(np.asarray(action, dtype=np.float64), command):
+        action = np.asarray(action, dtype=np.float64)
+        if action.ndim != 2 or action.shape[1] != 2:
+            raise ValueError(f"actions are an array [lanes, 2], also of a single lane; got shape {action.shape}")
+        command = np.empty(action.shape)
+        if not self.fill(action, command):
             raise ValueError(f"actions must be finite numbers in [-1, 1]; got {action!r}")
         return command
 

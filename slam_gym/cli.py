@@ -41,6 +41,9 @@ Start with:
   slam-gym list                             what there is
   slam-gym compare --help                   every command explains its options
 
+An option may be singular or plural (--estimator, --estimators), a first word an option as well
+(run --scenario open).
+
   --version    print the version
   --debug      with any command: show the whole traceback of an error
 """
@@ -102,6 +105,8 @@ def _load(name: str, words: Sequence[str]) -> Any:
     command = getattr(import_module(module), attribute)
     import tyro
 
+    from slam_gym.cli_words import respelled
+
     config = (tyro.conf.FlagCreatePairsOff,)  # --resume without a --no-resume
     page = inspect.cleandoc(command.__doc__ or COMMANDS[name][1])  # tyro alone would drop the examples
-    return tyro.cli(command, prog=f"slam-gym {name}", description=page, args=list(words), config=config)
+    return tyro.cli(command, prog=f"slam-gym {name}", description=page, args=respelled(command, words), config=config)

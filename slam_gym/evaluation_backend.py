@@ -92,7 +92,9 @@ def _ray() -> Any:
     try:
         import ray
     except ImportError:
-        raise ImportError("backend 'ray' needs Ray: pip install slam-gym[cluster]") from None
+        raise ImportError(
+            "backend 'ray' needs Ray: pip install -c constraints.txt '.[cluster]' in the folder of slam-gym"
+        ) from None
     return ray
 
 

@@ -128,7 +128,7 @@ class _Episodes:
         for step in range(self.max_steps):
             if step % self.hold == 0:
                 shown = self.view.observe(simulation, self.driver)
-                action = self.policy.act(shown, simulation.estimators[self.driver].belief)
+                action = np.asarray(self.policy.act(shown, simulation.estimators[self.driver].belief))
                 command = self.action_map.to_command(action)
                 going = self._stop(going)
                 if not going.size:

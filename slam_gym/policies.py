@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from estimators.interface import Belief
 from estimators.models import MotionModel, SensorModel, TargetModel
-from estimators.registry import build, parameters_of, unknown_name
+from estimators.registry import build, load_plugin, parameters_of, unknown_name
 from slam_gym.actions import ActionMap
 from slam_gym.scenario import Scenario
 from slam_gym.scenario_fields import middle
@@ -193,7 +193,7 @@ def get(name: str) -> type[Policy]:
         return _registered[name]
     for point in entry_points(group=ENTRY_POINT_GROUP):
         if point.name == name:
-            return point.load()
+            return load_plugin("policy", point)
     folder = f". Nor is there a folder {name!r} here, in which a training could have left its policy"
     raise ValueError(unknown_name("policy", name, names(), folder))
 

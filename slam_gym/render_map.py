@@ -56,6 +56,7 @@ def draw_map(canvas: Canvas, area: pygame.Rect, camera: Camera, frame: Frame, hi
     seeing = frame.pose if layers.truth else frame.belief_pose
     if layers.view:
         draw_view(canvas, camera, frame, seeing, hidden_truth=not layers.truth)
+    draw_walls(canvas, camera, frame)  # over the view, which knows of none
     if layers.truth:
         draw_landmarks(canvas, camera, frame)
     if layers.scan:
@@ -91,9 +92,9 @@ def grid_step(camera: Camera) -> float:
 
 
 def draw_floor(canvas: Canvas, camera: Camera, frame: Frame) -> None:
-    """Arena, walls and grid; boxes, because they are filled several times as fast as polygons and thick lines."""
+    """Arena and grid; boxes, because they are filled several times as fast as polygons and thick lines."""
     half = 0.5 * np.asarray(frame.arena)
-    corners = camera.pixels(half * np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]]))
+    corners = _corners(camera, frame)
     (left, bottom), (right, top) = np.rint(corners[[0, 2]]).astype(int).tolist()
     canvas.box(pygame.Rect(left, top, right - left, bottom - top), FLOOR)
     step = grid_step(camera)
@@ -101,8 +102,17 @@ def draw_floor(canvas: Canvas, camera: Camera, frame: Frame) -> None:
         for value in np.arange(math.ceil(-half[axis] / step), math.floor(half[axis] / step) + 1) * step:
             x, y = np.rint(camera.pixels((value, value))).astype(int).tolist()
             canvas.box(pygame.Rect((x, top, 1, bottom - top) if axis == 0 else (left, y, right - left, 1)), GRID)
+
+
+def draw_walls(canvas: Canvas, camera: Camera, frame: Frame) -> None:
+    """Around the arena, where it has any."""
     if frame.walls:
-        canvas.line(corners, WALL, 2.5, closed=True)
+        canvas.line(_corners(camera, frame), WALL, 2.5, closed=True)
+
+
+def _corners(camera: Camera, frame: Frame) -> Floats:
+    """[4, 2] of the arena in pixels, the lower left first."""
+    return camera.pixels(0.5 * np.asarray(frame.arena) * np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]]))
 
 
 def view_outline(frame: Frame, pose: Floats, use_pillars: bool = True) -> Floats:

@@ -33,7 +33,7 @@ METRICS = (
     Metric("target_error_rel_capped", "target, robot frame", "m"),
     Metric("lost_share", "track lost", "%", 100.0),
     Metric("find_time", "time to find", "s"),
-    Metric("robot_error_mean", "pose error", "m"),
+    Metric("robot_error_mean", "robot error", "m"),
     Metric("effort", "effort"),
     Metric("target_nees_mean", "target NEES (honest: 2)", judged=False),
 )

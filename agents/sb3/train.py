@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from agents.sb3.sweep import SeedReport
     from agents.sb3.training import Trained
 
-MISSING = "training needs Stable-Baselines3 and torch: pip install 'slam-gym[rl]'"
+MISSING = 'training needs Stable-Baselines3 and torch: pip install -c constraints.txt ".[rl]" in the folder of slam-gym'
 
 
 @dataclass(frozen=True)

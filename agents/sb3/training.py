@@ -194,7 +194,9 @@ def _check_folder(out: Path, resume: bool, config: dict[str, Any]) -> dict[str, 
         check_folder_is_free(out)
         return None
     if not (out / CHECKPOINT).is_file():
-        raise ValueError(f"nothing to resume: there is no {CHECKPOINT} in {str(out)!r}")
+        there = ", ".join(str(file.parent) for file in sorted(out.parent.glob(f"*/{CHECKPOINT}")))
+        hint = f". Trainings beside it, for --out: {there}" if there else ""
+        raise ValueError(f"nothing to resume: there is no {CHECKPOINT} in {str(out)!r}{hint}")
     before = json.loads((out / CONFIG).read_text(encoding="utf-8"))
     for part in ("settings", "hyperparameters"):
         old, new = before[part], config[part]

@@ -17,6 +17,7 @@ from estimators.smoothing.events import GOES_ON, STARTS, UNSEEN, Motion, Prior, 
 from estimators.smoothing.odometry import carry, compose
 from estimators.smoothing.sorting import sort_returns
 
+NEEDED = 'isam2 needs GTSAM: pip install -c constraints.txt ".[smoothing]" in the folder of slam-gym'
 _KINDS = ("constant-velocity", "twist")
 _ARRAYS = ("moved", "spread", "drift", "drift_spread", "elapsed", "indeterminate")
 
@@ -41,7 +42,7 @@ class ISAM2(GaussianEstimator):
     makes a usable heading. Seen again after an absence, the target is guessed to be where it is seen; beyond the
     model's `reinitialise_nis` or `reinitialise_spread` its chain is cut and a new one starts.
 
-    Needs GTSAM: `pip install "slam-gym[smoothing]"`.
+    Needs GTSAM: `pip install -c constraints.txt ".[smoothing]"` in the folder of slam-gym.
 
     Args:
         motion: how the robot moves. sensor, target, association, gate, match_gate, new_gate: see `GaussianEstimator`.
@@ -92,7 +93,7 @@ class ISAM2(GaussianEstimator):
         try:
             from estimators.smoothing.graph import Graph
         except ImportError as error:
-            raise ImportError('isam2 needs GTSAM: pip install "slam-gym[smoothing]"') from error
+            raise ImportError(NEEDED) from error
         self._make_graph = Graph
         self.iterations = int(iterations)
         self.threshold = float(relinearize_threshold)

@@ -12,7 +12,8 @@ class Benchmark:
     """Measure environments and filters against NumPy, Gymnasium, FilterPy, Stone Soup, GTSAM and BLAS.
 
     All rows of a table are measured in turn in one process, and the least time of each counts: ratios hold even on a
-    busy machine, times do not. Packages that are not installed are left out (`pip install slam-gym[bench]`).
+    busy machine, times do not. Packages that are not installed are left out:
+    `pip install -c constraints.txt ".[bench]"` adds them.
 
     Examples:
       slam-gym benchmark --quick                    a look, about a minute

@@ -62,7 +62,7 @@ def _line(get: Callable[[str], Any], name: str) -> str:
     try:
         found = get(name)
     except (ImportError, AttributeError) as error:
-        return f"(cannot be loaded: {error})"
+        return f"({error})"
     return found.summary or (inspect.getdoc(found) or "").partition("\n")[0]
 
 

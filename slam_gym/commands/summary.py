@@ -62,8 +62,9 @@ def print_results(results: Results, console: Console) -> None:
 
 def _legend(results: Results, spreads: bool) -> str:
     text = (
-        f"RMSE{' ± standard deviation' if spreads else ''} over runs; relative: the target in the robot's frame; NEES: "
-        "3 (pose) and 2 (target) when honest, red where far above; lost: unseen for over 2 s; time: predict + update."
+        f"RMSE{' ± standard deviation' if spreads else ''} over runs; relative: the target in the robot's frame; "
+        "NEES: mean, 3 (pose) and 2 (target) when honest, red where far above; lost: unseen for over 2 s; "
+        "time: predict + update."
     )
     if any(map(is_reference, set(results.summary["estimator"]))):
         text += "\n* is told the truth to linearise at: a reference, not a filter that one could use."

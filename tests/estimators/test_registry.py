@@ -106,6 +106,15 @@ def test_entry_points_of_installed_packages_are_found(monkeypatch):
     assert estimators.get("installed") is Theirs
 
 
+def test_a_plug_in_that_cannot_be_loaded_is_named(monkeypatch):
+    point = EntryPoint("broken", "no_such_package.filters:Broken", registry.ENTRY_POINT_GROUP)
+    monkeypatch.setattr(registry, "entry_points", lambda group: [point])
+    with pytest.raises(
+        ImportError, match=r"estimator 'broken' cannot be loaded from 'no_such_package.filters:Broken': No"
+    ):
+        estimators.get("broken")
+
+
 def test_a_type_error_inside_the_constructor_is_not_hidden():
     class Faulty(Theirs):
         def __init__(self, *args, **kwargs):

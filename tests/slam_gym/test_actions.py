@@ -29,6 +29,12 @@ def test_there_and_back(scenario, kind):
     np.testing.assert_allclose(mapping.to_action(mapping.to_command(action)), action, atol=1e-12)
 
 
+@pytest.mark.parametrize("action", [np.zeros(2), np.zeros((3, 1)), np.zeros((1, 2, 1)), 0.5])
+def test_actions_of_another_shape_are_refused(action):
+    with pytest.raises(ValueError, match=r"an array \[lanes, 2\], also of a single lane; got shape"):
+        ActionMap(OPEN, "twist").to_command(action)
+
+
 def test_actions_beyond_one_are_cut():
     mapping = ActionMap(OPEN, "twist")
     command = np.zeros((1, 2))

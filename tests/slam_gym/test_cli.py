@@ -1,11 +1,13 @@
 import subprocess
 import sys
 import time
+from importlib import import_module
 
 import pytest
 
 import slam_gym.evaluation
 from slam_gym import cli
+from slam_gym.cli_words import respelled
 from slam_gym.commands.compare import parse_shard
 from slam_gym.specs import Spec, parse_options, parse_settings
 
@@ -43,6 +45,34 @@ def test_every_command_explains_itself(name, capsys):
     text = capsys.readouterr().out
     assert "slam-gym " + name in text
     assert "xample" in text
+
+
+@pytest.mark.parametrize(("name", "typed", "meant"), [
+    ("run", "--scenario open --steps 5", "open --steps 5"),
+    ("run", "--steps 5 --scenarios=open", "open --steps 5"),
+    ("watch", "--estimator ekf cdkf --scenario open", "open --estimators ekf cdkf"),
+    ("compare", "--scenario open revisit --policy pursuit", "--scenarios open revisit --policies pursuit"),
+    ("train", "--scenarios open --estimators=ekf --seeds 1 2", "--scenario open --estimator=ekf --seeds 1 2"),
+    ("evaluate", "--policy runs/a runs/b --runs 9", "runs/a runs/b --runs 9"),
+    ("replay", "mrclam PATH --estimator ekf ri-ekf", "mrclam PATH --estimators ekf ri-ekf"),
+    ("export", "mrclam --nosuch 1", "mrclam --nosuch 1"),
+])  # fmt: skip
+def test_singular_plural_and_place_are_the_same(name, typed, meant):
+    module, _, command = cli.COMMANDS[name][0].partition(":")
+    assert respelled(getattr(import_module(module), command), typed.split()) == meant.split()
+
+
+@pytest.mark.parametrize(("arguments", "message"), [
+    ("compare ekf ri-ekf:iterations=2", "'--estimators ekf ri-ekf:iterations=2'"),
+    ("compare open pursuit --runs 2", "'--scenarios open --policies pursuit'"),
+    ("train discovery", "'--scenario discovery'"),
+    ("doctor everything", "--help"),
+])  # fmt: skip
+def test_words_without_their_option_are_told_it(arguments, message, capsys):
+    assert cli.main(arguments.split()) == 2
+    said = capsys.readouterr().err
+    assert message in said
+    assert said.count("\n") == 1
 
 
 def test_the_version_is_the_packages(capsys):

@@ -8,7 +8,7 @@ from estimators.interface import TARGET
 from slam_gym.render import Frame, History, Layers, Renderer
 from slam_gym.render_canvas import Camera, ellipse_points, font, shortened, text
 from slam_gym.render_legend import AXIS, PAPER, legend
-from slam_gym.render_map import view_outline
+from slam_gym.render_map import WALL, view_outline
 from slam_gym.render_panel import UNDEFINED, number, rows
 from slam_gym.render_smooth import halve
 from slam_gym.viewer import KEYS
@@ -163,6 +163,16 @@ def test_side_by_side_the_legend_holds_both_and_a_line_divides_them():
     image = picture(make_frame(arena=(80.0, 80.0)), (800, 600), follow="robot", split=True)
     middle = Renderer(size=(800, 600))._map.width // 2
     assert (image[200:480, middle] == AXIS).all()
+
+
+def test_the_view_does_not_hide_the_walls():
+    """A robot at the wall looks through it: its sensor knows of pillars only."""
+    frame = make_frame(pose=np.array([9.5, 0.0, 0.0]), target=None, belief_target=None, belief_target_cov=None)
+    nothing = Layers(belief=False, trails=False, scan=False, view=False)
+    watched = picture(frame, (800, 600), Layers(belief=False, trails=False, scan=False))
+    bare = picture(frame, (800, 600), nothing)
+    assert (watched != bare).any()
+    assert (watched == WALL).all(axis=2).sum() == (bare == WALL).all(axis=2).sum() > 500
 
 
 def test_the_strip_shows_the_reward():

@@ -48,12 +48,12 @@ def test_not_worse_needs_an_interval_below_the_margin():
 def test_of_several_seeds_the_seed_is_the_unit():
     """Each seed beats the baseline by far in its worlds; seeds differ so much that the next one may not."""
     table = runs(base=0.0, one=-0.9, two=0.2, three=-0.1)
-    assert verdicts(judge(table, ["one"], "base"))["pose error"] == "win"
-    found = judge(table, ["one", "two", "three"], "base").set_index("metric").loc["pose error"]
+    assert verdicts(judge(table, ["one"], "base"))["robot error"] == "win"
+    found = judge(table, ["one", "two", "three"], "base").set_index("metric").loc["robot error"]
     assert (found["verdict"], found["seeds"]) == ("tie", 3)
     assert found["difference"] == pytest.approx(-0.8 / 3, abs=0.05)
     steady = runs(base=0.0, one=-0.5, two=-0.55, three=-0.45)
-    assert verdicts(judge(steady, ["one", "two", "three"], "base"))["pose error"] == "win"
+    assert verdicts(judge(steady, ["one", "two", "three"], "base"))["robot error"] == "win"
 
 
 def test_pooled_seeds_are_their_mean_in_each_world():
@@ -70,6 +70,6 @@ def test_what_is_undefined_is_left_out():
     table["target_error_capped"] = np.nan
     found = judge(table, ["other"], "base").set_index("metric")
     assert "target error" not in found.index
-    assert found.loc["pose error", "worlds"] == WORLDS - 5
+    assert found.loc["robot error", "worlds"] == WORLDS - 5
     with pytest.raises(ValueError, match=r"no runs of policy 'nobody'; there are 'base', 'other'"):
         judge(table, ["nobody"], "base")

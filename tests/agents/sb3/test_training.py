@@ -173,8 +173,10 @@ def test_a_folder_is_not_overwritten_and_other_settings_are_not_resumed(trained,
         train(replace(PPO, seed=4, resume=True), out)
     with pytest.raises(ValueError, match=r"gamma was 0.98, not 0.9"):
         train(replace(PPO, hyperparams=(*PPO.hyperparams, "gamma=0.9"), resume=True), out)
-    with pytest.raises(ValueError, match=r"nothing to resume"):
-        train(replace(PPO, resume=True), tmp_path)
+    with pytest.raises(ValueError, match=r"nothing to resume: there is no checkpoint.pt in '[^']*'$"):
+        train(replace(PPO, resume=True), tmp_path / "alone")
+    with pytest.raises(ValueError, match=rf"nothing to resume.* Trainings beside it, for --out: .*{out}"):
+        train(replace(PPO, resume=True), out.with_name("mistyped"))
 
 
 def test_worlds_of_training_evaluation_and_comparison_never_overlap():
