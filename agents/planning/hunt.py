@@ -4,9 +4,9 @@ import math
 
 from estimators.kernels.angles import wrap
 from estimators.kernels.elementary import angle_between
-from estimators.kernels.jit import inline, jit
+from estimators.kernels.jit import disjoint, inline, jit
 from slam_gym.world_draws import NOBODY
-from slam_gym.world_geometry import hidden, in_view
+from slam_gym.world_geometry import hidden
 
 _NOTHING = 1e-4  # weight below which a point is no longer looked for
 _TINY = 1e-9  # [m]
@@ -27,22 +27,40 @@ def _pillars_about(x, y, cosine, sine, sensor, pillars, count, near):
     return found
 
 
+@disjoint
+def _mark_in_view(xs, ys, left, x, y, cosine, sine, max_range, cos_half, marks):
+    """Mark the points still looked for that are in range and in view; returns the weight of all still looked for.
+
+    As `world_geometry.in_view` tells it; few are, and only those are then asked whether a pillar hides them.
+    """
+    total, reach = 0.0, max_range * max_range
+    for p in range(left.size):  # no branches, so that it runs on vectors
+        dx, dy = xs[p] - x, ys[p] - y
+        square = dx * dx + dy * dy
+        wanted = left[p] >= _NOTHING
+        inside = (square <= reach) & (square > 0.0) & (dx * cosine + dy * sine >= math.sqrt(square) * cos_half)
+        marks[p] = 1.0 if wanted & inside else 0.0
+        total += left[p] if wanted else 0.0
+    return total
+
+
 @inline
-def _look(pose, places, left, sensor, pillars, count, near):
+def _look(pose, places, left, sensor, pillars, count, scratch):
     """Take from the weights `left` what a sweep from this pose would find; returns the weight that remains."""
-    max_range, cos_half, radius, p_d = sensor
+    (max_range, cos_half, radius, p_d), (near, marks, numbers) = sensor, scratch
     x, y, cosine, sine = pose[0], pose[1], math.cos(pose[2]), math.sin(pose[2])
     found = _pillars_about(x, y, cosine, sine, sensor, pillars, count, near) if radius > 0.0 else 0
-    radii, remaining = near.size // 3 * 2, 0.0
-    for p in range(left.size):
-        if left[p] < _NOTHING:
-            continue
-        px, py = places[p, 0], places[p, 1]
-        if in_view(px - x, py - y, cosine, sine, 0.0, max_range, cos_half) and not hidden(
-            x, y, px, py, NOBODY, near, 0, radii, found
-        ):
+    radii = near.size // 3 * 2
+    remaining = _mark_in_view(places[0], places[1], left, x, y, cosine, sine, max_range, cos_half, marks)
+    inside = 0
+    for p in range(left.size):  # no branches that the processor would guess wrongly
+        numbers[inside] = p
+        inside += marks[p] > 0.0
+    for i in range(inside):
+        p = numbers[i]
+        if not hidden(x, y, places[0, p], places[1, p], NOBODY, near, 0, radii, found):
+            remaining -= p_d * left[p]
             left[p] *= 1.0 - p_d
-        remaining += left[p]
     return remaining
 
 
@@ -52,7 +70,7 @@ def _seconds_to_view(pose, places, left, sensor, limits):
     reach, half, total = _WELL_IN_RANGE * sensor[0], _WELL_IN_VIEW * math.acos(sensor[1]), 0.0
     cosine, sine, per_metre, per_radian = math.cos(pose[2]), math.sin(pose[2]), 1.0 / limits[0], 1.0 / limits[1]
     for p in range(left.size):  # no branches, so that it runs on vectors
-        dx, dy = places[p, 0] - pose[0], places[p, 1] - pose[1]
+        dx, dy = places[0, p] - pose[0], places[1, p] - pose[1]
         r = math.sqrt(dx * dx + dy * dy) + _TINY
         off = abs(angle_between(dx * cosine + dy * sine, dy * cosine - dx * sine, r))
         total += left[p] * (max(r - reach, 0.0) * per_metre + max(off - half, 0.0) * per_radian)
@@ -72,15 +90,15 @@ def _clearance_cost(pose, pillars, count, radius, margin):
 
 
 @inline
-def _segment(pose, left, command, ahead, first, looks, dt, sensor, pillars, count, settings, near):
-    """Drive one command for `looks` looks, the first of which is number `first`; returns what it costs [s]."""
+def _segment(pose, left, command, sweeps, dt, sensor, pillars, count, settings, scratch):
+    """Drive one command, with a look at each of the places `sweeps` [looks, 2, N]; returns what it costs [s]."""
     v, w, cost = command[0], command[1], 0.0
-    for t in range(looks):
+    for t in range(sweeps.shape[0]):
         middle = pose[2] + 0.5 * w * dt
         pose[0] += v * dt * math.cos(middle)
         pose[1] += v * dt * math.sin(middle)
         pose[2] = wrap(pose[2] + w * dt)
-        remaining = _look(pose, ahead[first + t], left, sensor, pillars, count, near)
+        remaining = _look(pose, sweeps[t], left, sensor, pillars, count, scratch)
         cost += dt * remaining
         if sensor[2] > 0.0 and settings[2] > 0.0:
             cost += dt * settings[1] * _clearance_cost(pose, pillars, count, sensor[2], settings[2])
@@ -119,7 +137,7 @@ def _keep_best(scores, children, poses, room, kept):
 @jit
 def best_hunt(
     pose, weights, ahead, dt, pillars, count, commands, looks, width, sensor, limits, settings, poses, lefts, costs,
-    scores, firsts, keep, kept, near,
+    scores, firsts, keep, kept, near, marks, numbers,
 ):  # fmt: skip
     """Number of the command that begins the plan with the least expected time to find.
 
@@ -133,7 +151,7 @@ def best_hunt(
     Args:
         pose: [3].
         weights: [N] of the points.
-        ahead: [T, N, 2] where they will be at each look.
+        ahead: [T, 2, N] where they will be at each look, x and y in a row each.
         dt: [s] between two looks.
         pillars: [>= count, 2] that are mapped.
         count: in use.
@@ -148,21 +166,23 @@ def best_hunt(
         scores: [width C] scratch.
         keep, kept: [width] scratch.
         near: [3 M] scratch: places of pillars, then their radii.
+        marks, numbers: [N] scratch.
     """
     poses[1, 0, :], lefts[1, 0, :], costs[1, 0] = pose, weights, 0.0
     keep[0], parents, segments = 0, 1, ahead.shape[0] // looks
     near[near.size // 3 * 2 :] = sensor[2]
+    scratch = (near, marks, numbers)
     for depth in range(segments):
-        now, before, last = depth % 2, 1 - depth % 2, (depth + 1) * looks - 1
+        now, before, sweeps = depth % 2, 1 - depth % 2, ahead[depth * looks : (depth + 1) * looks]
         for b in range(parents):
             for number in range(commands.shape[0]):
                 child = b * commands.shape[0] + number
                 y, left = poses[now, child], lefts[now, child]
                 y[:], left[:] = poses[before, keep[b]], lefts[before, keep[b]]
                 costs[now, child] = costs[before, keep[b]] + _segment(
-                    y, left, commands[number], ahead, depth * looks, looks, dt, sensor, pillars, count, settings, near
+                    y, left, commands[number], sweeps, dt, sensor, pillars, count, settings, scratch
                 )
-                scores[child] = costs[now, child] + settings[0] * _seconds_to_view(y, ahead[last], left, sensor, limits)
+                scores[child] = costs[now, child] + settings[0] * _seconds_to_view(y, sweeps[-1], left, sensor, limits)
                 firsts[now, child] = number if depth == 0 else firsts[before, keep[b]]
         room = width if depth < segments - 1 else 1
         parents = _keep_best(scores, parents * commands.shape[0], poses[now], room, kept)

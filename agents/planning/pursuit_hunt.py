@@ -115,12 +115,13 @@ class PursuitHunt(Follower):
 
     def _allocate(self, steps: int, plans: int) -> None:
         points, beam = self.needs_target_cloud, self._beam
-        self._ahead = np.zeros((steps, points, 2))
+        self._ahead, self._rows = np.zeros((steps, points, 2)), np.zeros((steps, 2, points))
         self._scratch = (
             np.zeros((2, plans, 3)), np.zeros((2, plans, points)), np.zeros((2, plans)), np.zeros(plans),
             np.zeros((2, plans), dtype=np.int64), np.zeros(beam, dtype=np.int64), np.zeros(beam, dtype=np.int64),
         )  # fmt: skip
         self._pillars, self._near = np.zeros((0, 2)), np.zeros(0)
+        self._marks, self._in_view = np.zeros(points), np.zeros(points, dtype=np.int64)
 
     def reset(self, lanes: Ints, seeds: Ints) -> None:
         """Forget where the target was."""
@@ -146,8 +147,9 @@ class PursuitHunt(Follower):
         count = int(mapped.sum())
         self._pillars[:count] = belief.landmark_mean[lane, mapped]
         belief.foresee_target(lane, self._look, self._ahead)
+        self._rows[:] = self._ahead.transpose(0, 2, 1)
         return int(best_hunt(
-            belief.pose[lane], belief.target_cloud[1][lane], self._ahead, self._look, self._pillars, count,
+            belief.pose[lane], belief.target_cloud[1][lane], self._rows, self._look, self._pillars, count,
             self._commands, self._looks, self._beam, self._sensor, self._pace, self._settings, *self._scratch,
-            self._near,
+            self._near, self._marks, self._in_view,
         ))  # fmt: skip

@@ -24,12 +24,13 @@ LOOK = 0.4
 def hunt(pose, ahead, weights, pillars=(), looks=2, width=8, settings=(1.0, 0.3, 0.2), commands=None):
     """Number of the command that `best_hunt` begins with."""
     commands = np.array(COMMANDS) * PACE if commands is None else commands
+    rows = np.ascontiguousarray(np.transpose(np.array(ahead, dtype=float), (0, 2, 1)))
     n, plans, pillars = len(weights), width * len(commands), np.array(pillars, dtype=float).reshape(-1, 2)
     return int(best_hunt(
-        np.array(pose, dtype=float), np.array(weights, dtype=float), np.array(ahead, dtype=float), LOOK, pillars,
-        len(pillars), commands, looks, width, SENSOR, PACE, settings, np.zeros((2, plans, 3)), np.zeros((2, plans, n)),
+        np.array(pose, dtype=float), np.array(weights, dtype=float), rows, LOOK, pillars, len(pillars), commands,
+        looks, width, SENSOR, PACE, settings, np.zeros((2, plans, 3)), np.zeros((2, plans, n)),
         np.zeros((2, plans)), np.zeros(plans), np.zeros((2, plans), dtype=np.int64), np.zeros(width, dtype=np.int64),
-        np.zeros(width, dtype=np.int64), np.zeros(3 * len(pillars)),
+        np.zeros(width, dtype=np.int64), np.zeros(3 * len(pillars)), np.zeros(n), np.zeros(n, dtype=np.int64),
     ))  # fmt: skip
 
 
