@@ -5,8 +5,6 @@ import math
 from estimators.kernels.angles import wrap
 from estimators.kernels.elementary import angle_between
 from estimators.kernels.jit import disjoint, inline, jit
-from slam_gym.world_draws import NOBODY
-from slam_gym.world_geometry import hidden
 
 _NOTHING = 1e-4  # weight below which a point is no longer looked for
 _TINY = 1e-9  # [m]
@@ -22,7 +20,7 @@ def _pillars_about(x, y, cosine, sine, sensor, pillars, count, near):
     for j in range(count):
         ex, ey = pillars[j, 0] - x, pillars[j, 1] - y
         if ex * ex + ey * ey < reach * reach and ex * cosine + ey * sine > behind:
-            near[2 * found], near[2 * found + 1] = pillars[j, 0], pillars[j, 1]
+            near[found] = pillars[j]
             found += 1
     return found
 
@@ -44,23 +42,38 @@ def _mark_in_view(xs, ys, left, x, y, cosine, sine, max_range, cos_half, marks):
     return total
 
 
+@disjoint
+def _hide(xs, ys, x, y, at_x, at_y, radius, shown):
+    """Zero in `shown` for the points that a pillar hides from (x, y); see `world_geometry.hidden`."""
+    ex, ey, r2 = at_x - x, at_y - y, radius * radius
+    for i in range(xs.size):
+        dx, dy = xs[i] - x, ys[i] - y
+        square, along, cross = dx * dx + dy * dy, ex * dx + ey * dy, ex * dy - ey * dx
+        gx, gy = ex - dx, ey - dy
+        beside = (along < square) & (cross * cross < r2 * square)
+        behind = (along >= square) & (gx * gx + gy * gy < r2)
+        shown[i] = 0.0 if (along > 0.0) & (beside | behind) else shown[i]
+
+
 @inline
 def _look(pose, places, left, sensor, pillars, count, scratch):
     """Take from the weights `left` what a sweep from this pose would find; returns the weight that remains."""
-    (max_range, cos_half, radius, p_d), (near, marks, numbers) = sensor, scratch
+    (max_range, cos_half, radius, p_d), (near, numbers, rows) = sensor, scratch
+    xs, ys, shown, marks = rows[0], rows[1], rows[2], rows[3]
     x, y, cosine, sine = pose[0], pose[1], math.cos(pose[2]), math.sin(pose[2])
     found = _pillars_about(x, y, cosine, sine, sensor, pillars, count, near) if radius > 0.0 else 0
-    radii = near.size // 3 * 2
     remaining = _mark_in_view(places[0], places[1], left, x, y, cosine, sine, max_range, cos_half, marks)
     inside = 0
     for p in range(left.size):  # no branches that the processor would guess wrongly
-        numbers[inside] = p
+        numbers[inside], xs[inside], ys[inside] = p, places[0, p], places[1, p]
         inside += marks[p] > 0.0
+    shown[:inside] = p_d
+    for j in range(found):
+        _hide(xs[:inside], ys[:inside], x, y, near[j, 0], near[j, 1], radius, shown)
     for i in range(inside):
         p = numbers[i]
-        if not hidden(x, y, places[0, p], places[1, p], NOBODY, near, 0, radii, found):
-            remaining -= p_d * left[p]
-            left[p] *= 1.0 - p_d
+        remaining -= shown[i] * left[p]
+        left[p] *= 1.0 - shown[i]
     return remaining
 
 
@@ -137,7 +150,7 @@ def _keep_best(scores, children, poses, room, kept):
 @jit
 def best_hunt(
     pose, weights, ahead, dt, pillars, count, commands, looks, width, sensor, limits, settings, poses, lefts, costs,
-    scores, firsts, keep, kept, near, marks, numbers,
+    scores, firsts, keep, kept, near, numbers, rows,
 ):  # fmt: skip
     """Number of the command that begins the plan with the least expected time to find.
 
@@ -165,13 +178,13 @@ def best_hunt(
             this segment and of the one before.
         scores: [width C] scratch.
         keep, kept: [width] scratch.
-        near: [3 M] scratch: places of pillars, then their radii.
-        marks, numbers: [N] scratch.
+        near: [M, 2] scratch.
+        numbers: [N] scratch.
+        rows: [4, N] scratch.
     """
     poses[1, 0, :], lefts[1, 0, :], costs[1, 0] = pose, weights, 0.0
     keep[0], parents, segments = 0, 1, ahead.shape[0] // looks
-    near[near.size // 3 * 2 :] = sensor[2]
-    scratch = (near, marks, numbers)
+    scratch = (near, numbers, rows)
     for depth in range(segments):
         now, before, sweeps = depth % 2, 1 - depth % 2, ahead[depth * looks : (depth + 1) * looks]
         for b in range(parents):

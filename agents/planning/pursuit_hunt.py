@@ -120,8 +120,8 @@ class PursuitHunt(Follower):
             np.zeros((2, plans, 3)), np.zeros((2, plans, points)), np.zeros((2, plans)), np.zeros(plans),
             np.zeros((2, plans), dtype=np.int64), np.zeros(beam, dtype=np.int64), np.zeros(beam, dtype=np.int64),
         )  # fmt: skip
-        self._pillars, self._near = np.zeros((0, 2)), np.zeros(0)
-        self._marks, self._in_view = np.zeros(points), np.zeros(points, dtype=np.int64)
+        self._pillars, self._near = np.zeros((0, 2)), np.zeros((0, 2))
+        self._in_view = (np.zeros(points, dtype=np.int64), np.zeros((4, points)))
 
     def reset(self, lanes: Ints, seeds: Ints) -> None:
         """Forget where the target was."""
@@ -143,7 +143,7 @@ class PursuitHunt(Follower):
         """Number of the command that the best plan begins with."""
         mapped = belief.landmark_mapped[lane]
         if len(self._pillars) != len(mapped):
-            self._pillars, self._near = np.zeros((len(mapped), 2)), np.zeros(3 * len(mapped))
+            self._pillars, self._near = np.zeros((len(mapped), 2)), np.zeros((len(mapped), 2))
         count = int(mapped.sum())
         self._pillars[:count] = belief.landmark_mean[lane, mapped]
         belief.foresee_target(lane, self._look, self._ahead)
@@ -151,5 +151,5 @@ class PursuitHunt(Follower):
         return int(best_hunt(
             belief.pose[lane], belief.target_cloud[1][lane], self._rows, self._look, self._pillars, count,
             self._commands, self._looks, self._beam, self._sensor, self._pace, self._settings, *self._scratch,
-            self._near, self._marks, self._in_view,
+            self._near, *self._in_view,
         ))  # fmt: skip

@@ -1,11 +1,15 @@
 """All of the benchmark's measurements, as one dictionary of rows that JSON can hold."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Iterator, Sequence
 from dataclasses import dataclass
+from functools import partial
 from importlib import import_module
+from itertools import product
 from typing import Any
 
+from slam_gym import policies
 from slam_gym.benchmark import maps, scaling
+from slam_gym.benchmark.decisions import decision_row
 from slam_gym.benchmark.drives import DRIVES, drive_rows
 from slam_gym.benchmark.environment import environment_rows
 from slam_gym.benchmark.filters import blas_rows, compressed_rows, filter_rows, installed
@@ -13,6 +17,9 @@ from slam_gym.benchmark.floors import peak_gflops
 from slam_gym.benchmark.machine import machine
 
 Progress = Callable[[str, int, int], None]  # (what is being measured, measurements done, in all)
+Job = tuple[
+    str, str, Callable[[], list[dict[str, Any]]]
+]  # (table, what is being measured, the work: rows of the table)
 
 
 @dataclass(frozen=True)
@@ -32,64 +39,97 @@ class Size:
     drives: tuple[str, ...] = tuple(DRIVES)
     drive_steps: int | None = None  # of each; None: all
     stored_landmarks: tuple[int, ...] = (100, 800, 6400)  # in the maps of particles
+    policies: tuple[str, ...] = (
+        "pursuit", "pursuit-search", "pursuit-hunt", "search", "pursuit-revisit", "explore", "greedy-info",
+        "receding-horizon", "ppo",
+    )  # fmt: skip
+    decision_runs: int = 10  # of one lane
+    decision_lanes: int = 64  # in one run
+    decision_steps: int | None = None  # of a run; None: all
     others: bool = True  # Gymnasium's own vector environments, other packages' filters
     training: bool = True  # where Stable-Baselines3 is installed
+
+    @property
+    def few(self) -> int:
+        """Rounds of what takes long, or of many sizes."""
+        return max(3, self.rounds // 3)
 
 
 QUICK = Size(
     rounds=5, lanes=(1, 64, 256), compared_lanes=(1, 256), landmarks=(10, 100), particles=(10, 100),
     blas_landmarks=(20, 100), compressed_landmarks=(100,), gaussian=("ekf", "ri-ekf"), scaled=("ekf",),
-    particle=("fastslam2",), drives=("geng-hu",), stored_landmarks=(100, 800), training=False,
+    particle=("fastslam2",), drives=("geng-hu",), stored_landmarks=(100, 800), policies=("pursuit", "receding-horizon"),
+    decision_runs=3, decision_lanes=16, training=False,
 )  # fmt: skip
 
 
-def measure(size: Size, progress: Progress) -> dict[str, Any]:
-    """Every table, each measured in one stretch; the keys are what `slam_gym.benchmark.page` reads."""
-    steps = (
-        6
-        + size.training
-        + len(size.drives)
-        + len(size.stored_landmarks)
-        + len(size.scaled) * len(size.landmarks)
-        + len(size.particle) * len(size.particles)
-        + len(size.lanes)
-    )
-    count = [0]
+def measure(size: Size, progress: Progress, only: Collection[str] = ()) -> dict[str, Any]:
+    """Every table, each measured in one stretch; the keys are what `slam_gym.benchmark.page` reads.
 
-    def note(what: str) -> None:
-        progress(what, count[0], steps)
-
-    def done() -> None:
-        count[0] += 1
-
-    def take(what: str, work: Callable[..., Any], *arguments: Any) -> Any:
-        note(what)
-        found = work(*arguments)
-        done()
-        return found
-
-    found: dict[str, Any] = {"machine": machine()}
-    found["peak_gflops"] = take("peak of the processor", peak_gflops)
-    found["environment"] = take("environments", environment_rows, size.compared_lanes, size.rounds, size.others)
-    found["filters"] = take("filters", filter_rows, size.gaussian, 20, size.rounds, size.others)
-    found["blas"] = take("filter and BLAS", blas_rows, size.blas_landmarks, size.rounds)
-    found["compressed"] = take("compressed filter and BLAS", compressed_rows, size.compressed_landmarks, size.rounds)
-    few = max(3, size.rounds // 3)
-    found["drives"] = [
-        row for name in size.drives for row in take(name, drive_rows, name, DRIVES[name], few, size.drive_steps)
-    ]
-    found["returns"] = take("returns in particles", maps.return_rows, size.particle, size.rounds)
-    found["maps"] = [take("maps of particles", maps.map_row, "lazy", count) for count in size.stored_landmarks]
-    if size.training:
-        found["training"] = take("training", training_rows)
-    note("growth with the map")
-    found["landmarks"] = scaling.landmark_rows(size.scaled, size.landmarks, few, done)
-    note("growth with the particles")
-    found["particles"] = scaling.particle_rows(size.particle, size.particles, few, done)
-    note("growth with the lanes")
-    found["lanes"] = scaling.lane_rows(size.lanes, few, done)
-    progress("done", steps, steps)
+    Args:
+        size: how much.
+        progress: told of each measurement.
+        only: names of `SECTIONS` that are measured; none: all.
+    """
+    jobs = [job for name, section in SECTIONS.items() if not only or name in only for job in section(size)]
+    found: dict[str, Any] = {"machine": machine(), "peak_gflops": peak_gflops()}
+    for count, (key, what, work) in enumerate(jobs):
+        progress(what, count, len(jobs))
+        found.setdefault(key, []).extend(work())
+    progress("done", len(jobs), len(jobs))
     return found
+
+
+def _environment(size: Size) -> Iterator[Job]:
+    yield "environment", "environments", partial(environment_rows, size.compared_lanes, size.rounds, size.others)
+
+
+def _filters(size: Size) -> Iterator[Job]:
+    yield "filters", "filters", partial(filter_rows, size.gaussian, 20, size.rounds, size.others)
+
+
+def _blas(size: Size) -> Iterator[Job]:
+    yield "blas", "filter and BLAS", partial(blas_rows, size.blas_landmarks, size.rounds)
+    large = partial(compressed_rows, size.compressed_landmarks, size.rounds)
+    yield "compressed", "compressed filter and BLAS", large
+    for name in size.drives:
+        yield "drives", name, partial(drive_rows, name, DRIVES[name], size.few, size.drive_steps)
+    yield "returns", "returns in particles", partial(maps.return_rows, size.particle, size.rounds)
+    for count in size.stored_landmarks:
+        yield "maps", "maps of particles", partial(_row, maps.map_row, "lazy", count)
+
+
+def _decisions(size: Size) -> Iterator[Job]:
+    """Of the policies that are installed: this package names them, and needs none."""
+    for name in size.policies:
+        if name in policies.names():
+            arguments = size.decision_runs, size.decision_lanes, size.decision_steps
+            yield "decisions", f"decisions of {name}", partial(_row, decision_row, name, *arguments)
+
+
+def _training(size: Size) -> Iterator[Job]:
+    if size.training:
+        yield "training", "training", training_rows
+
+
+def _growth(size: Size) -> Iterator[Job]:
+    for name, count in product(size.scaled, size.landmarks):
+        yield "landmarks", "growth with the map", partial(scaling.landmark_rows, name, count, size.few)
+    for name, count in product(size.particle, size.particles):
+        yield "particles", "growth with the particles", partial(scaling.particle_rows, name, count, size.few)
+    for count in size.lanes:
+        yield "lanes", "growth with the lanes", partial(scaling.lane_rows, count, size.few)
+
+
+def _row(work: Callable[..., dict[str, Any]], *arguments: Any) -> list[dict[str, Any]]:
+    return [work(*arguments)]
+
+
+SECTIONS: dict[str, Callable[[Size], Iterator[Job]]] = {
+    "environment": _environment, "filters": _filters, "blas": _blas, "decisions": _decisions, "training": _training,
+    "growth": _growth,
+}  # fmt: skip
+"""Parts of the page by name, and what each measures."""
 
 
 def training_rows() -> list[dict[str, Any]]:

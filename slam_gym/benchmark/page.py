@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from typing import Any
 
+from slam_gym.benchmark.decisions import ESTIMATOR, SCENARIO, SLOWEST
 from slam_gym.benchmark.drives import YARDSTICK
 from slam_gym.benchmark.maps import PARTICLES
 from slam_gym.benchmark.measure import growth
@@ -14,20 +15,17 @@ HEAD = """\
 measured in turn in one process (the least of many short measurements), hardly do. A step of a filter is one prediction
 and nine returns, eight landmarks and the target.
 """
+DECISION_TIMES = ("mean", "slowest", "longest", "lane_mean", "lane_longest")
 
 
 def page(found: dict[str, Any], command: str) -> str:
     """Markdown of what `measure` returned."""
-    sections = [
-        HEAD,
-        _machine(found, command),
-        _environment(found),
-        _filters(found),
-        _blas(found),
-        _training(found),
-        _growth(found),
-    ]
-    return "\n".join(section for section in sections if section)
+    sections = {
+        "environment": _environment, "filters": _filters, "blas": _blas, "decisions": _decisions,
+        "training": _training, "landmarks": _growth,
+    }  # fmt: skip
+    parts = [section(found) for key, section in sections.items() if found.get(key)]
+    return "\n".join([HEAD, _machine(found, command), *parts])
 
 
 def _table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
@@ -97,13 +95,20 @@ def _yardstick(found: dict[str, Any]) -> str:
     return head + _table(["", "us", "times `dsyrk`", "MB of maps"], lines)
 
 
+def _decisions(found: dict[str, Any]) -> str:
+    rows = [[f"`{row['name']}`", *(_digits(row[key]) for key in DECISION_TIMES)] for row in found["decisions"]]
+    lanes = f"mean per lane of {found['decisions'][0]['lanes']}"
+    return (
+        f"## A decision of a policy\n\nScenario `{SCENARIO}` on the belief of `{ESTIMATOR}`, a decision each step: "
+        "processor time, with what is made of the belief and the observation for it; the upkeep of a target cloud is "
+        f"part of the world's step. Slowest: the median of the slowest {100.0 * SLOWEST:.0f} %, among them the plans "
+        "of who looks for a lost target.\n\n"
+        + _table(["policy, us per decision", "mean", "slowest", "longest", lanes, "longest per lane"], rows)
+    )
+
+
 def _training(found: dict[str, Any]) -> str:
-    rows = [
-        [row["name"], f"{row['per_second']:,.0f}", f"{100.0 * row['of_stub']:.0f} %"]
-        for row in found.get("training", [])
-    ]
-    if not rows:
-        return ""
+    rows = [[row["name"], f"{row['per_second']:,.0f}", f"{100.0 * row['of_stub']:.0f} %"] for row in found["training"]]
     return (
         "## Training\n\nPPO of Stable-Baselines3 on one thread, rollout and learning, in the same scenario. What is "
         "missing to 100 % is the environment's share of the time.\n\n"

@@ -1,6 +1,7 @@
 """How cost and memory grow: with the map, with the particles, with the lanes."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
+from contextlib import closing
 from typing import Any
 
 import numpy as np
@@ -11,46 +12,29 @@ from slam_gym.benchmark.filters import our_work
 from slam_gym.benchmark.stream import STEPS, make_stream, settled
 from slam_gym.benchmark.timing import least_seconds
 
-Bar = Callable[[], None]  # called when a measurement is done
+
+def landmark_rows(name: str, count: int, rounds: int) -> list[dict[str, Any]]:
+    """A row (name, landmarks, microseconds per step, bytes): a filter's step with a map of that size."""
+    stream = make_stream(count)
+    seconds = least_seconds({name: our_work(name, stream)}, rounds=rounds)[name] / STEPS
+    return [{"name": name, "landmarks": count, "microseconds": 1e6 * seconds,
+             "bytes": state_bytes(settled(name, stream))}]  # fmt: skip
 
 
-def landmark_rows(names: Sequence[str], counts: Sequence[int], rounds: int, done: Bar) -> list[dict[str, Any]]:
-    """Rows (name, landmarks, microseconds per step, bytes): a filter's step against the size of its map."""
-    rows = []
-    for name in names:
-        for count in counts:
-            stream = make_stream(count)
-            seconds = least_seconds({name: our_work(name, stream)}, rounds=rounds)[name] / STEPS
-            rows.append({"name": name, "landmarks": count, "microseconds": 1e6 * seconds,
-                         "bytes": state_bytes(settled(name, stream))})  # fmt: skip
-            done()
-    return rows
+def particle_rows(name: str, count: int, rounds: int) -> list[dict[str, Any]]:
+    """A row (name, particles, microseconds per step, bytes) with 20 landmarks."""
+    stream = make_stream(20)
+    seconds = least_seconds({name: our_work(name, stream, particles=count)}, rounds=rounds)[name] / STEPS
+    return [{"name": name, "particles": count, "microseconds": 1e6 * seconds,
+             "bytes": state_bytes(settled(name, stream, particles=count))}]  # fmt: skip
 
 
-def particle_rows(names: Sequence[str], counts: Sequence[int], rounds: int, done: Bar) -> list[dict[str, Any]]:
-    """Rows (name, particles, microseconds per step, bytes) with 20 landmarks."""
-    rows, stream = [], make_stream(20)
-    for name in names:
-        for count in counts:
-            seconds = least_seconds({name: our_work(name, stream, particles=count)}, rounds=rounds)[name] / STEPS
-            rows.append({"name": name, "particles": count, "microseconds": 1e6 * seconds,
-                         "bytes": state_bytes(settled(name, stream, particles=count))})  # fmt: skip
-            done()
-    return rows
-
-
-def lane_rows(counts: Sequence[int], rounds: int, done: Bar) -> list[dict[str, Any]]:
-    """Rows (lanes, microseconds per lane and step) of the vector environment."""
-    rows = []
-    for count in counts:
-        env = native(count)
+def lane_rows(count: int, rounds: int) -> list[dict[str, Any]]:
+    """A row (lanes, microseconds per lane and step) of the vector environment."""
+    with closing(native(count)) as env:
         env.reset(seed=0)
-        work = vector_work(env)
-        seconds = least_seconds({"env": work}, rounds=rounds)["env"] / count
-        rows.append({"lanes": count, "microseconds": 1e6 * seconds})
-        env.close()
-        done()
-    return rows
+        seconds = least_seconds({"env": vector_work(env)}, rounds=rounds)["env"] / count
+    return [{"lanes": count, "microseconds": 1e6 * seconds}]
 
 
 def exponent(sizes: Sequence[float], costs: Sequence[float]) -> float:

@@ -5,6 +5,7 @@ import shlex
 import sys
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Literal
 
 
 @dataclass(frozen=True)
@@ -18,10 +19,13 @@ class Benchmark:
     Examples:
       slam-gym benchmark --quick                    a look, about a minute
       slam-gym benchmark --write BENCHMARKS.md      the whole, some minutes, as a page
+      slam-gym benchmark --only decisions           how long policies take to decide
     """
 
     quick: bool = False
     """Fewer sizes, fewer rounds."""
+    only: tuple[Literal["environment", "filters", "blas", "decisions", "training", "growth"], ...] = ()
+    """Sections to measure; none: all."""
     write: Path | None = None
     """Write the tables to this Markdown file too."""
     json: Path | None = None
@@ -40,7 +44,7 @@ class Benchmark:
             if path is not None and not path.parent.is_dir():
                 raise ValueError(f"there is no folder {str(path.parent)!r} to write {path.name!r} to; make it first")
         with progress_bar("measurements") as progress:
-            found = measure(QUICK if self.quick else Size(), progress)
+            found = measure(QUICK if self.quick else Size(), progress, self.only)
         text = page(found, shlex.join(["slam-gym", *sys.argv[1:]]))
         Console().print(Markdown(text))
         if self.write is not None:

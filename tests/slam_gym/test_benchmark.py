@@ -5,10 +5,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from slam_gym.benchmark import drives, foreign, measure, page, scaling, stream, textbook, timing
+from slam_gym.benchmark import decisions, drives, foreign, measure, page, scaling, stream, textbook, timing
 from slam_gym.cli import main
 
-SECTIONS = ["## A step of the environment", "## A step of a filter", "## Against BLAS", "## Growth"]
+SECTIONS = [
+    "## A step of the environment", "## A step of a filter", "## Against BLAS", "## A decision of a policy",
+    "## Growth",
+]  # fmt: skip
 WHOLE = [*SECTIONS[:-1], "## Training", SECTIONS[-1]]  # where Stable-Baselines3 is installed, and time taken
 
 
@@ -91,6 +94,7 @@ def found():
         rounds=1, lanes=(1, 2), compared_lanes=(1,), landmarks=(10, 20), particles=(10, 20), blas_landmarks=(10,),
         compressed_landmarks=(10,), gaussian=("ekf",), scaled=("ekf",), particle=("fastslam2",), others=False,
         training=False, drives=("geng-hu",), drive_steps=20, stored_landmarks=(20,),
+        policies=("pursuit", "not-installed"), decision_runs=2, decision_lanes=3, decision_steps=10,
     )  # fmt: skip
     told = []
     result = measure.measure(tiny, lambda what, done, total: told.append((done, total)))
@@ -102,8 +106,30 @@ def test_the_page_has_every_table(found):
     text = page.page(found, "slam-gym benchmark")
     assert [line for line in text.splitlines() if line.startswith("## ")] == SECTIONS
     for name in ("clean NumPy", "gym.make", "CartPole", "`ekf`, us", "`compressed-ekf`, us", "exponent",
-                 "geng-hu, `ri-ekf`: a control step", "200 particles, 20 landmarks"):  # fmt: skip
+                 "geng-hu, `ri-ekf`: a control step", "200 particles, 20 landmarks", "| `pursuit` |",
+                 "lane of 3"):  # fmt: skip
         assert name in text
+
+
+def test_only_what_is_asked_for_is_measured():
+    size = measure.Size(policies=("pursuit-hunt",), decision_runs=1, decision_lanes=2, decision_steps=30)
+    found = measure.measure(size, lambda *_: None, ["decisions"])
+    text = page.page(found, "slam-gym benchmark --only decisions")
+    assert [line for line in text.splitlines() if line.startswith("## ")] == ["## A decision of a policy"]
+    row = found["decisions"][0]
+    assert 0.0 < row["mean"] <= row["slowest"] <= row["longest"]
+    assert 0.0 < row["lane_mean"] <= row["lane_longest"]
+
+
+def test_a_policy_decides_the_same_whenever_it_is_timed():
+    """Only then may the least of several times be taken for each decision."""
+    driver = decisions.Driver("pursuit-hunt:lost_std=0.01", 2)
+    drives_ = []
+    for _ in range(2):
+        assert driver.seconds(np.array([3, 4]), 12).shape == (12,)
+        drives_.append((driver.simulation.world.pose.copy(), driver.policy.command.copy()))
+    np.testing.assert_array_equal(*(pose for pose, _ in drives_))
+    np.testing.assert_array_equal(*(command for _, command in drives_))
 
 
 def test_the_committed_page_is_of_this_shape():

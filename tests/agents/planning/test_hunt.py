@@ -30,7 +30,7 @@ def hunt(pose, ahead, weights, pillars=(), looks=2, width=8, settings=(1.0, 0.3,
         np.array(pose, dtype=float), np.array(weights, dtype=float), rows, LOOK, pillars, len(pillars), commands,
         looks, width, SENSOR, PACE, settings, np.zeros((2, plans, 3)), np.zeros((2, plans, n)),
         np.zeros((2, plans)), np.zeros(plans), np.zeros((2, plans), dtype=np.int64), np.zeros(width, dtype=np.int64),
-        np.zeros(width, dtype=np.int64), np.zeros(3 * len(pillars)), np.zeros(n), np.zeros(n, dtype=np.int64),
+        np.zeros(width, dtype=np.int64), np.zeros_like(pillars), np.zeros(n, dtype=np.int64), np.zeros((4, n)),
     ))  # fmt: skip
 
 
