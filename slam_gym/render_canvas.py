@@ -97,7 +97,7 @@ class Canvas:
         """Scale an area down onto the same area of a surface of the final size."""
         area = area.clip(surface.get_rect())  # the kernel checks no bounds
         large, small = pygame.surfarray.pixels2d(self._large), pygame.surfarray.pixels2d(surface)  # [W, H], locked
-        halve(large.T.view(np.uint64), small.T, area.left, area.top, area.right, area.bottom)
+        halve(large.T, small.T, area.left, area.top, area.right, area.bottom)
 
     def line(self, points: ArrayLike, colour: Colour, width: float = 1.5, closed: bool = False) -> None:
         """A polyline [n, 2]; a row with NaN interrupts it."""

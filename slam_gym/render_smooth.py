@@ -4,20 +4,20 @@ import numpy as np
 
 from estimators.kernels.jit import jit
 
-_HALVES_64 = np.uint64(0x7F7F7F7F7F7F7F7F)  # what a byte shifted right by one may keep: nothing of its neighbour
-_LOW_WORD, _WORD = np.uint64(0xFFFFFFFF), np.uint64(32)
-_ONE = np.uint64(1)
+_HALVES = np.uint32(0x7F7F7F7F)  # what a byte shifted right by one may keep: nothing of its neighbour
+_ONE = np.uint32(1)
 
 
 @jit
-def halve(pairs, small, left, top, right, bottom):
+def halve(large, small, left, top, right, bottom):
     """Means of 2 x 2 pixels of four bytes each, byte by byte, rounded down, in a part of the picture.
 
-    Two integers have the mean (a & b) + (a ^ b) / 2, which for all bytes of a word at once is far faster than pygame's
-    scaling of any size to any other.
+    Two integers have the mean (a & b) + (a ^ b) / 2, which for all bytes of a pixel at once is far faster than pygame's
+    scaling of any size to any other. Pixel by pixel the compiler makes vector instructions of it; with two pixels in a
+    word of 64 bits it takes twice the time.
 
     Args:
-        pairs: [2 H, W] uint64, two neighbouring pixels of the large picture in each.
+        large: [2 H, 2 W] uint32.
         small: [H, W] uint32, written.
         left: first column of `small` to write.
         top: first row.
@@ -25,8 +25,10 @@ def halve(pairs, small, left, top, right, bottom):
         bottom: row behind the last one.
     """
     for y in range(top, bottom):
+        upper, lower, row = large[2 * y], large[2 * y + 1], small[y]
         for x in range(left, right):
-            a, b = pairs[2 * y, x], pairs[2 * y + 1, x]
-            both = (a & b) + (((a ^ b) >> _ONE) & _HALVES_64)
-            one, other = both & _LOW_WORD, both >> _WORD
-            small[y, x] = (one & other) + (((one ^ other) >> _ONE) & _HALVES_64)
+            a, b = upper[2 * x], lower[2 * x]
+            c, d = upper[2 * x + 1], lower[2 * x + 1]
+            one = (a & b) + (((a ^ b) >> _ONE) & _HALVES)
+            other = (c & d) + (((c ^ d) >> _ONE) & _HALVES)
+            row[x] = (one & other) + (((one ^ other) >> _ONE) & _HALVES)

@@ -314,17 +314,17 @@ def test_a_cut_in_the_middle_keeps_both_ends():
 def test_a_picture_is_halved_by_the_mean_of_four_pixels():
     large = np.random.default_rng(0).integers(0, 256, (12, 20, 4), dtype=np.uint8)
     small = np.zeros((6, 10), dtype=np.uint32)
-    halve(large.reshape(12, 80).view(np.uint64), small, 0, 0, 10, 6)
+    halve(large.reshape(12, 80).view(np.uint32), small, 0, 0, 10, 6)
     found = small.view(np.uint8).reshape(6, 10, 4).astype(float)
     mean = large.reshape(6, 2, 10, 2, 4).mean(axis=(1, 3))
     assert np.all((mean - 1.5 < found) & (found <= mean))
-    white = np.full((4, 2), np.iinfo(np.uint64).max, dtype=np.uint64)
+    white = np.full((4, 4), np.iinfo(np.uint32).max, dtype=np.uint32)
     halve(white, small[:2, :2], 0, 0, 2, 2)
     assert np.all(small[:2, :2] == np.iinfo(np.uint32).max)
 
 
 def test_only_the_named_part_of_a_picture_is_halved():
-    large = np.random.default_rng(1).integers(0, 256, (12, 20, 4), dtype=np.uint8).reshape(12, 80).view(np.uint64)
+    large = np.random.default_rng(1).integers(0, 256, (12, 20, 4), dtype=np.uint8).reshape(12, 80).view(np.uint32)
     whole, part = np.zeros((2, 6, 10), dtype=np.uint32)
     halve(large, whole, 0, 0, 10, 6)
     halve(large, part, 2, 1, 9, 4)
