@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from slam_gym.render_canvas import Camera, Canvas, text
 from slam_gym.render_frame import Frame, History
 from slam_gym.render_legend import AXIS
-from slam_gym.render_map import BACKGROUND, INK, Layers, bounds, draw_map, grid_step
+from slam_gym.render_map import BACKGROUND, INK, Layers, bounds, draw_map, floor_box, grid_step
 from slam_gym.render_panel import Panel
 from slam_gym.render_pygame import pygame
 from slam_gym.render_strip import Strip
@@ -136,9 +136,10 @@ class Renderer:
 
     def _paint(self, frame: Frame, history: History) -> None:
         has_target = frame.target is not None
-        self._canvas.ground(self._map, BACKGROUND)
-        for area, layers, _ in self._views():
-            camera = self._camera(area, frame, history, layers)
+        views = [(area, self._camera(area, frame, history, layers), layers) for area, layers, _ in self._views()]
+        floors = [floor_box(camera, frame).clip(area) for area, camera, _ in views]
+        self._canvas.ground(self._map, BACKGROUND, floors)
+        for area, camera, layers in views:
             draw_map(self._canvas, area, camera, frame, history, layers)
         self._canvas.ground_onto(self.surface, self._map, BACKGROUND)
         if self._strip:
@@ -148,7 +149,7 @@ class Renderer:
         if self._panel:
             self._panel.shapes(self._canvas, self.surface, frame, shown)
         small = max(9, round(0.85 * self._letter))
-        self._scale_bar(camera, small)
+        self._scale_bar(views[-1][1], small)
         if self.split:  # followed, both floors may reach the middle
             self.surface.fill(AXIS, (self._map.left + self._map.width // 2 - 1, self._map.top, 2, self._map.height))
         for area, _, title in self._views():

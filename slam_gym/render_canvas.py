@@ -5,7 +5,7 @@ afterwards at its own size.
 """
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from functools import cache, lru_cache
 from importlib.util import find_spec
@@ -80,18 +80,27 @@ class Canvas:
         """Draw only inside this area from now on."""
         self._large.set_clip(None if area is None else _enlarged(area))
 
-    def ground(self, area: pygame.Rect, colour: Colour) -> None:
-        """Begin an area anew, plain but for what is drawn from now on: only what was drawn the last time is wiped."""
-        self._large.fill(colour, self._to_wipe.clip(_enlarged(area)))
+    def ground(self, area: pygame.Rect, colour: Colour, covered: Iterable[pygame.Rect] = ()) -> None:
+        """Begin an area anew, plain but for what is drawn from now on: only what was drawn the last time is wiped.
+
+        covered: boxes that are going to be filled anyway, each inside of the area: they are not wiped.
+        """
+        pieces = [self._to_wipe.clip(_enlarged(area))]
+        for box in covered:
+            pieces = [piece for old in pieces for piece in _around(old, _enlarged(box))]
+        for piece in pieces:
+            self._large.fill(colour, piece)
         self._touched = pygame.Rect(0, 0, 0, 0)
 
     def ground_onto(self, surface: pygame.Surface, area: pygame.Rect, colour: Colour) -> None:
         """Bring such an area onto the picture: where nothing was drawn there is nothing to scale down."""
         self._to_wipe = box = self._touched.clip(_enlarged(area))
-        surface.fill(colour, area)
         left, top = box.left // OVERSAMPLING, box.top // OVERSAMPLING
         right, bottom = -(-box.right // OVERSAMPLING), -(-box.bottom // OVERSAMPLING)
-        self.onto(surface, pygame.Rect(left, top, right - left, bottom - top))
+        drawn = pygame.Rect(left, top, right - left, bottom - top)
+        for piece in _around(area, drawn):
+            surface.fill(colour, piece)
+        self.onto(surface, drawn)
 
     def onto(self, surface: pygame.Surface, area: pygame.Rect) -> None:
         """Scale an area down onto the same area of a surface of the final size."""
@@ -158,6 +167,20 @@ class Canvas:
 
 def _enlarged(area: pygame.Rect) -> pygame.Rect:
     return pygame.Rect([OVERSAMPLING * v for v in area])
+
+
+def _around(area: pygame.Rect, hole: pygame.Rect) -> list[pygame.Rect]:
+    """What is left of an area without a hole, as at most four boxes: above, below, left and right of it."""
+    hole = hole.clip(area)
+    if not hole.width or not hole.height:
+        return [area]
+    boxes = (
+        (area.left, area.top, area.width, hole.top - area.top),
+        (area.left, hole.bottom, area.width, area.bottom - hole.bottom),
+        (area.left, hole.top, hole.left - area.left, hole.height),
+        (hole.right, hole.top, area.right - hole.right, hole.height),
+    )
+    return [pygame.Rect(box) for box in boxes if box[2] > 0 and box[3] > 0]
 
 
 def _finite_parts(points: Floats) -> list[Floats]:

@@ -91,17 +91,24 @@ def grid_step(camera: Camera) -> float:
     return next(power * m for m in (1.0, 2.0, 5.0, 10.0) if power * m >= rough)
 
 
+def floor_box(camera: Camera, frame: Frame) -> pygame.Rect:
+    """The arena in whole pixels."""
+    (left, bottom), (right, top) = np.rint(_corners(camera, frame)[[0, 2]]).astype(int).tolist()
+    return pygame.Rect(left, top, right - left, bottom - top)
+
+
 def draw_floor(canvas: Canvas, camera: Camera, frame: Frame) -> None:
     """Arena and grid; boxes, because they are filled several times as fast as polygons and thick lines."""
     half = 0.5 * np.asarray(frame.arena)
-    corners = _corners(camera, frame)
-    (left, bottom), (right, top) = np.rint(corners[[0, 2]]).astype(int).tolist()
-    canvas.box(pygame.Rect(left, top, right - left, bottom - top), FLOOR)
+    floor = floor_box(camera, frame)
+    canvas.box(floor, FLOOR)
     step = grid_step(camera)
     for axis in (0, 1):
         for value in np.arange(math.ceil(-half[axis] / step), math.floor(half[axis] / step) + 1) * step:
             x, y = np.rint(camera.pixels((value, value))).astype(int).tolist()
-            canvas.box(pygame.Rect((x, top, 1, bottom - top) if axis == 0 else (left, y, right - left, 1)), GRID)
+            canvas.box(
+                pygame.Rect((x, floor.top, 1, floor.height) if axis == 0 else (floor.left, y, floor.width, 1)), GRID
+            )
 
 
 def draw_walls(canvas: Canvas, camera: Camera, frame: Frame) -> None:
