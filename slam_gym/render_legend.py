@@ -50,7 +50,7 @@ def legend(frame: Frame, layers: Layers) -> list[tuple[Symbol, str]]:
     if layers.belief and layers.particles and frame.particles is not None:
         found.append((_dots, "particles"))
     if layers.belief and layers.cloud and frame.keeps_cloud:
-        found.append((_cloud_dots, "may be here, lost"))
+        found.append((_cloud_dots, "target may be here"))
     if layers.view:
         found.append((_patch, "sensor's view"))
     if layers.scan:

@@ -57,6 +57,7 @@ class Run:
         """Run, print, write."""
         from rich.console import Console
 
+        from slam_gym.commands.watch import CLOUD_POINTS
         from slam_gym.episode import Episode
         from slam_gym.episode_log import EpisodeLog
         from slam_gym.render import Renderer
@@ -68,8 +69,10 @@ class Run:
         if self.steps is not None:
             overrides["max_steps"] = self.steps
         scenario = Scenario.load(self.scenario, **overrides)
-        episode = Episode(scenario, self.estimators, policy=self.policy, seed=self.seed)
-        renderer = Renderer("rgb_array", self.size) if self.png or self.video else None
+        drawn = self.png is not None or self.video is not None
+        points = CLOUD_POINTS if drawn else 0  # pictures as `watch` shows them
+        episode = Episode(scenario, self.estimators, policy=self.policy, seed=self.seed, cloud_points=points)
+        renderer = Renderer("rgb_array", self.size) if drawn else None
         log = EpisodeLog(episode)
         with self._video_writer(episode) as video:
             for _ in self._steps(episode, renderer, video):

@@ -9,6 +9,7 @@ from slam_gym.cli import main
 from slam_gym.commands.run import Run
 from slam_gym.episode import Episode
 from slam_gym.episode_log import EpisodeLog
+from slam_gym.render import Renderer
 from slam_gym.scenario import Scenario
 from slam_gym.video import VideoWriter
 
@@ -101,6 +102,17 @@ def test_a_wrong_call_is_one_clear_line(arguments, message, capsys, tmp_path, mo
     assert message in said
     assert said.count("\n") == 1
     assert not list(tmp_path.iterdir())
+
+
+def test_pictures_show_where_a_lost_target_may_be(tmp_path, monkeypatch, capsys):
+    """As the live view does; the numbers are those of a run without pictures."""
+    drawn = []
+    monkeypatch.setattr(Renderer, "draw", lambda self, frame, history=None: drawn.append(frame))
+    assert main(["run", "--steps", "30", "--png", str(tmp_path / "a.png")]) == 0
+    assert drawn[-1].keeps_cloud
+    with_picture = capsys.readouterr().out
+    assert main(["run", "--steps", "30"]) == 0
+    assert with_picture.startswith(capsys.readouterr().out)
 
 
 def test_a_video_has_every_picture(tmp_path):
