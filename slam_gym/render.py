@@ -162,7 +162,8 @@ class Renderer:
     def _views(self) -> list[tuple[pygame.Rect, Layers, str]]:
         """The maps side by side: place, what is drawn, title."""
         if not self.split:
-            return [(self._map, self.layers, "")]
+            hidden = not (self.layers.truth or self.layers.belief)
+            return [(self._map, self.layers, "truth and belief are hidden" if hidden else "")]
         width = self._map.width // 2
         halves = [pygame.Rect(self._map.left + i * width, self._map.top, width, self._map.height) for i in (0, 1)]
         truth = replace(self.layers, truth=True, belief=False)

@@ -143,7 +143,9 @@ def find_policy(path: Path) -> Path:
     for folder in (path, path / BEST, path / LATEST):
         if (folder / SETTINGS).is_file():
             return folder
-    raise FileNotFoundError(f"no policy in {str(path)!r}: a policy is a folder with {SETTINGS} and {WEIGHTS}")
+    within = ", ".join(str(file.parent.parent) for file in sorted(path.glob(f"*/{BEST}/{SETTINGS}")))
+    hint = f". Trainings within: {within}" if within else ""
+    raise FileNotFoundError(f"no policy in {str(path)!r}: a policy is a folder with {SETTINGS} and {WEIGHTS}{hint}")
 
 
 def read_settings(folder: Path) -> dict[str, Any]:

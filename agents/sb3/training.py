@@ -241,9 +241,10 @@ def _logger(out: Path) -> Logger:
 
 def check_numbers(settings: "Train") -> None:
     """Raises ValueError for counts that are none."""
-    for name in ("evaluate_every", "evaluation_runs", "teacher_decisions", "threads"):
-        if getattr(settings, name) < 1:
-            raise ValueError(f"--{name.replace('_', '-')} must be at least 1; got {getattr(settings, name)}")
+    for name in ("steps", "num_envs", "evaluate_every", "evaluation_runs", "teacher_decisions", "threads"):
+        number = getattr(settings, name)
+        if number is not None and not number >= 1:
+            raise ValueError(f"--{name.replace('_', '-')} must be at least 1; got {number:g}")
     for seed in settings.seeds or (settings.seed,):
         if seed < 0 or seed >= np.iinfo(np.uint32).max:
             raise ValueError(f"--seed must be from 0 to 2^32 - 2; got {seed}")

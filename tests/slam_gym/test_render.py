@@ -8,7 +8,7 @@ from estimators.interface import TARGET
 from slam_gym.render import Frame, History, Layers, Renderer
 from slam_gym.render_canvas import Camera, ellipse_points, font, shortened, text
 from slam_gym.render_legend import AXIS, PAPER, legend
-from slam_gym.render_map import WALL, view_outline
+from slam_gym.render_map import BACKGROUND, WALL, view_outline
 from slam_gym.render_panel import UNDEFINED, number, rows
 from slam_gym.render_smooth import halve
 from slam_gym.viewer import KEYS
@@ -163,6 +163,15 @@ def test_side_by_side_the_legend_holds_both_and_a_line_divides_them():
     image = picture(make_frame(arena=(80.0, 80.0)), (800, 600), follow="robot", split=True)
     middle = Renderer(size=(800, 600))._map.width // 2
     assert (image[200:480, middle] == AXIS).all()
+
+
+def test_an_empty_map_says_why():
+    shown, hidden = (
+        picture(make_frame(), (800, 600), Layers(belief=False, truth=t, view=t, scan=t)) for t in (True, False)
+    )
+    place = (slice(4, 20), slice(13, 60))  # the title's, on the plain ground beside the arena
+    assert (shown[place] == BACKGROUND).all()
+    assert (hidden[place] != BACKGROUND).any()
 
 
 def test_the_view_does_not_hide_the_walls():

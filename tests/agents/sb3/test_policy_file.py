@@ -2,6 +2,7 @@
 
 import json
 import pickle
+import shutil
 from types import SimpleNamespace
 
 import gymnasium as gym
@@ -159,12 +160,16 @@ def test_compare_drives_with_it(folder):
     np.testing.assert_array_equal(both.values[1], alone.values[0])
 
 
-def test_it_says_what_is_missing(folder):
+def test_it_says_what_is_missing(folder, tmp_path):
     context = policies.PolicyContext.from_scenario(Scenario.load("default"))
     with pytest.raises(ValueError, match=r"needs a folder, as .* learned:path="):
         policies.make("learned", context)
     with pytest.raises(FileNotFoundError, match="no policy in"):
         policies.make("learned", context, path="/nowhere")
+    training = tmp_path / "runs" / "mine"
+    shutil.copytree(folder, training / "best")
+    with pytest.raises(FileNotFoundError, match=rf"no policy in .*Trainings within: {training}"):
+        policies.make("learned", context, path=str(tmp_path / "runs"))
     policy = policies.make("learned", context, 2, path=str(folder))
     policy.reset(np.arange(2), np.arange(2))
     with pytest.raises(ValueError, match="got none"):

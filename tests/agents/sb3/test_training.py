@@ -206,7 +206,8 @@ def test_how_long_an_action_lasts():
 
 
 def test_wrong_numbers_are_named(capsys, tmp_path):
-    for wrong in ({"evaluate_every": 0}, {"evaluation_runs": 0}, {"threads": 0}, {"seed": -1}):
+    counts = ({"steps": 0}, {"num_envs": 0}, {"evaluate_every": 0}, {"evaluation_runs": 0}, {"threads": 0})
+    for wrong in (*counts, {"seed": -1}):
         with pytest.raises(ValueError, match=next(iter(wrong)).replace("_", "-")):
             check_numbers(Train(**wrong))
     assert cli.main(["train", "--hyperparams", "gama=0.9", "--out", str(tmp_path)]) == 2
