@@ -70,13 +70,13 @@ class EpisodeLog:
         caption = CAPTION.format(**(TARGET_CAPTION if has_target else NO_TARGET_CAPTION))
         table = Table(title=title, title_justify="left", title_style="bold", caption=caption, caption_justify="left",
                       box=None, padding=(0, 1), collapse_padding=True, pad_edge=False)  # fmt: skip
-        table.add_column("estimator", no_wrap=True, max_width=NAME_WIDTH)
+        table.add_column("estimator", overflow="fold", max_width=NAME_WIDTH)  # gives way before any number does
         columns = [c for c in COLUMNS if has_target or not c[1].startswith("target")]
         for heading in (*(c[0] for c in columns), "in 95 %"):
             table.add_column(escape(heading), justify="right", no_wrap=True)
         for i, name in enumerate(self.names):
             values = [_statistic(metrics[metric][:, i], kind) for _, metric, kind, _ in columns]
-            cells = ["-" if math.isnan(v) else c[3].format(v) for v, c in zip(values, columns, strict=True)]
+            cells = [_cell(value, column[3]) for value, column in zip(values, columns, strict=True)]
             share = in95_run(metrics["pose_nees"][:, i][None], 3)
             table.add_row(name, *cells, f"{100.0 * share:.0f} %")
         return table
@@ -127,6 +127,14 @@ def _columns(names: tuple[str, ...], values: Any) -> dict[str, float]:
 
 def _cov(prefix: str, cov: Any) -> dict[str, float]:
     return {f"{prefix}_xx": float(cov[0, 0]), f"{prefix}_xy": float(cov[0, 1]), f"{prefix}_yy": float(cov[1, 1])}
+
+
+def _cell(value: float, form: str) -> str:
+    """A number in at most 7 characters: the table has room for no more."""
+    if math.isnan(value):
+        return "-"
+    text = form.format(value)
+    return text if len(text) <= 7 else f"{value:.1e}"
 
 
 def _statistic(values: NDArray[np.float64], kind: str) -> float:

@@ -223,7 +223,7 @@ def _show_pooled(console: "Console", pooled: "pd.DataFrame") -> None:
     console.print(f"{pooled['recordings'].max()} recordings, pooled\n", highlight=False)
     for title, columns in POOLED.items():
         table = Table(title=title, title_justify="left", padding=(0, 1), box=None, header_style="bold")
-        table.add_column("estimator", no_wrap=True)
+        table.add_column("estimator", overflow="fold")
         for heading, *_ in columns:
             table.add_column(heading, justify="right", no_wrap=True)
         for row in pooled.to_dict("records"):
@@ -272,7 +272,7 @@ def _print_table(
     if not shown:
         return
     table = Table(title=title, title_justify="left", padding=(0, 1), box=None, header_style="bold")
-    table.add_column("estimator", no_wrap=True)
+    table.add_column("estimator", overflow="fold")
     for heading, *_ in shown:
         table.add_column(heading, justify="right", no_wrap=True)
     for row in results.summary.to_dict("records"):

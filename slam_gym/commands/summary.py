@@ -47,7 +47,7 @@ def print_results(results: Results, console: Console) -> None:
             present = [column for column in present if column[1] != "lost_share"]
         table = Table(title=title, title_justify="left", title_style="bold", box=None, padding=(0, 1),
                       collapse_padding=True, pad_edge=False)  # fmt: skip
-        table.add_column("estimator", no_wrap=True, max_width=NAME_WIDTH)
+        table.add_column("estimator", overflow="fold", max_width=NAME_WIDTH)  # gives way before any number does
         for heading, _, _ in present:
             table.add_column(escape(heading), justify="right", no_wrap=True)
         for row in group.to_dict("records"):

@@ -72,6 +72,26 @@ def test_the_table_fits_80_columns_and_has_a_row_per_estimator(scenario):
     assert ("target" in captured.get()) == (scenario == "default")
     assert "…" not in captured.get()
     assert log.metrics.shape == (20, 2)
+    for row in log._metrics:  # a filter that is sure of what is wrong
+        row["pose_nees"] = 3.2564e5
+    with console.capture() as captured:
+        console.print(log.table())
+    assert "3.3e+05" in captured.get()
+    assert "…" not in captured.get()
+
+
+def test_a_long_name_is_folded_before_any_number_is_cut():
+    episode = Episode(Scenario.load("default", max_steps=5), ["ekf:association=nearest,gate=20.5"])
+    log = EpisodeLog(episode)
+    episode.step()
+    log.record()
+    console = Console(width=80)
+    with console.capture() as captured:
+        console.print(log.table())
+    said = captured.get()
+    assert "…" not in said
+    assert max(map(len, said.splitlines())) <= 80
+    assert "ekf:association=nearest,gate=20.5" in "".join(line.split(" ")[0] for line in said.splitlines())
 
 
 def test_run_writes_what_it_is_asked_for(tmp_path, capsys):
