@@ -16,7 +16,7 @@ from slam_gym.render_frame import Frame, History
 from slam_gym.render_legend import AXIS
 from slam_gym.render_map import BACKGROUND, INK, Layers, bounds, draw_map, floor_box, grid_step
 from slam_gym.render_panel import Panel
-from slam_gym.render_pygame import pygame
+from slam_gym.render_pygame import pygame, show_directly
 from slam_gym.render_strip import Strip
 
 __all__ = ["Frame", "History", "Layers", "Renderer"]
@@ -71,6 +71,7 @@ class Renderer:
         self._clock: pygame.time.Clock | None = None
         if mode == "human":
             pygame.display.init()
+            show_directly()
             pygame.display.set_caption(title)
             self.window = pygame.display.set_mode((int(size[0]), int(size[1])), pygame.RESIZABLE)
             self._clock = pygame.time.Clock()

@@ -1,4 +1,5 @@
 import math
+import os
 
 import numpy as np
 import pygame
@@ -10,6 +11,7 @@ from slam_gym.render_canvas import Camera, ellipse_points, font, shortened, text
 from slam_gym.render_legend import AXIS, PAPER, legend
 from slam_gym.render_map import BACKGROUND, WALL, view_outline
 from slam_gym.render_panel import UNDEFINED, number, rows
+from slam_gym.render_pygame import show_directly
 from slam_gym.render_smooth import halve
 from slam_gym.viewer import KEYS
 
@@ -77,6 +79,18 @@ def test_a_window_shows_the_same_pixels(monkeypatch):
         window.close()
     assert window.window is None
     np.testing.assert_array_equal(window.pixels(), array.pixels())
+
+
+@pytest.mark.parametrize(("driver", "before", "after"), [
+    ("x11", None, "0"), ("x11", "opengl", "opengl"), ("wayland", None, None), ("cocoa", None, None),
+])  # fmt: skip
+def test_x11_alone_is_shown_without_opengl_unless_asked(driver, before, after, monkeypatch):
+    monkeypatch.setenv("SDL_FRAMEBUFFER_ACCELERATION", before or "")  # so that it is as it was afterwards
+    if before is None:
+        monkeypatch.delenv("SDL_FRAMEBUFFER_ACCELERATION")
+    monkeypatch.setattr(pygame.display, "get_driver", lambda: driver)
+    show_directly()
+    assert os.environ.get("SDL_FRAMEBUFFER_ACCELERATION") == after
 
 
 def test_a_window_may_get_another_size_between_two_pictures(monkeypatch):
