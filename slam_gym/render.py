@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from slam_gym.render_canvas import Camera, Canvas, text
 from slam_gym.render_frame import Frame, History
-from slam_gym.render_legend import AXIS
+from slam_gym.render_legend import AXIS, FAINT
 from slam_gym.render_map import BACKGROUND, INK, Layers, bounds, draw_map, floor_box, grid_step
 from slam_gym.render_panel import Panel
 from slam_gym.render_pygame import pygame, show_directly
@@ -155,6 +155,9 @@ class Renderer:
             self.surface.fill(AXIS, (self._map.left + self._map.width // 2 - 1, self._map.top, 2, self._map.height))
         for area, _, title in self._views():
             text(self.surface, title, (area.left + self._letter, area.top + 4), INK, self._letter, bold=True)
+        if not (shown.truth or shown.belief):
+            place = (self._map.centerx, self._map.top + self._map.height // 4)
+            text(self.surface, "truth and belief are hidden", place, FAINT, self._letter, align="centre")
         if self._panel:
             self._panel.words(self.surface, frame, shown, self.keys, self.note)
         if self._strip:
@@ -163,8 +166,7 @@ class Renderer:
     def _views(self) -> list[tuple[pygame.Rect, Layers, str]]:
         """The maps side by side: place, what is drawn, title."""
         if not self.split:
-            hidden = not (self.layers.truth or self.layers.belief)
-            return [(self._map, self.layers, "truth and belief are hidden" if hidden else "")]
+            return [(self._map, self.layers, "")]
         width = self._map.width // 2
         halves = [pygame.Rect(self._map.left + i * width, self._map.top, width, self._map.height) for i in (0, 1)]
         truth = replace(self.layers, truth=True, belief=False)
