@@ -57,7 +57,7 @@ class RecedingHorizon(Policy):
 
     Measured (docs/policies.md has the command; options chosen on other seeds): share of the gap between pursuit and the
     oracle that is closed in time lost, 200 worlds, with 95 % intervals: default 0.91 (0.78 to 1.01), evasive-hard 0.88
-    (0.75 to 1.01), discovery 0.42 (0.33 to 0.51). Most of that is the hunt for a lost target.
+    (0.76 to 0.98), discovery 0.42 (0.33 to 0.51). Most of that is the hunt for a lost target.
 
     Args:
         context: models and limits.

@@ -29,7 +29,7 @@ class Train:
 
       slam-gym train --algo sac --scenario discovery --seed 1 --out runs/finder
       slam-gym train --steps 3e6 --hyperparams gamma=0.99 n_epochs=10 --reward track=0.5 effort=0.05
-      slam-gym train --teacher pursuit-search --target-cloud 256
+      slam-gym train --teacher pursuit-hunt --target-cloud 256
           learns first what a searcher does, then what it does not: the best recipe known here
       slam-gym train --seeds 0 1 2 3 4 --out runs/five
           five trainings side by side: what to expect of the recipe, not of one seed
