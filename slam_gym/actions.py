@@ -34,6 +34,14 @@ def _to_command(lanes, action, wheels, speed_min, speed_max, turn_max, track, co
     return finite
 
 
+def not_finite(action: Floats) -> ValueError:
+    """The error for actions [L, 2] of which some are no finite numbers: it names the first lane's."""
+    lane, *others = np.flatnonzero(~np.isfinite(action).all(axis=1)).tolist()
+    where = f" in lane {lane}" if len(action) > 1 else ""
+    more = f", and {len(others)} more lanes' are not finite either" if others else ""
+    return ValueError(f"actions must be finite numbers in [-1, 1]; got {action[lane].tolist()}{where}{more}")
+
+
 class ActionMap:
     """One kind of action for one scenario.
 
@@ -89,7 +97,7 @@ class ActionMap:
             raise ValueError(f"actions are an array [lanes, 2], also of a single lane; got shape {action.shape}")
         command = np.empty(action.shape)
         if not self.fill(action, command):
-            raise ValueError(f"actions must be finite numbers in [-1, 1]; got {action!r}")
+            raise not_finite(action)
         return command
 
     def to_action(self, command: Floats) -> Floats:

@@ -12,7 +12,7 @@ from estimators.kernels.bound import Bound
 
 Ints = NDArray[np.int64]
 WORTH_IT = 32  # lanes, below which handing over costs more than it saves
-BLOCK = 64  # lanes that go through all calls together: a megabyte of covariances, that a second cache holds
+BLOCK = 32  # lanes that go through all calls together: half a megabyte of covariances, that a second cache holds
 
 
 class Crew:

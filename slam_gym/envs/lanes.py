@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from estimators.kernels.bound import Bound, chain
 from estimators.registry import unknown_name
 from slam_gym import reward
-from slam_gym.actions import ActionMap
+from slam_gym.actions import ActionMap, not_finite
 from slam_gym.envs.scoring import Ending, Scorer
 from slam_gym.observation import Observer
 from slam_gym.observation_cloud import CloudObserver
@@ -111,18 +111,15 @@ class Lanes:
         chosen = self._all if lanes is None else lanes
         if self._whole is not None:
             if not self._whole(chosen):
-                raise self._not_finite()
+                raise not_finite(self.action)
             return
         if not self._advance(chosen):
-            raise self._not_finite()
+            raise not_finite(self.action)
         for _ in range(1, self.hold):
             going = chosen[self.simulation.world.step_count[chosen] < self.max_steps]
             if len(going):
                 self._advance(going)
         self._look(chosen)
-
-    def _not_finite(self) -> ValueError:
-        return ValueError(f"actions must be finite numbers in [-1, 1]; got {self.action.tolist()}")
 
     def _bind(self) -> None:
         """Compiled calls for all that happens between action and belief, and between belief and observation.

@@ -134,8 +134,12 @@ def test_wrong_actions_are_refused():
     envs.reset(seed=0)
     with pytest.raises(ValueError, match=r"shape \(2, 2\)"):
         envs.step(np.zeros((3, 2), dtype=np.float32))
-    with pytest.raises(ValueError, match="finite"):
-        envs.step(np.full((2, 2), np.nan, dtype=np.float32))
+    for bad, told in (
+        ([[0.5, 0.0], [np.nan, 1.0]], r"\[nan, 1.0\] in lane 1$"),
+        ([[np.inf, 0.0]] * 2, "lane 0, and 1 more"),
+    ):
+        with pytest.raises(ValueError, match=f"finite numbers.*{told}"):
+            envs.step(np.array(bad, dtype=np.float32))
 
 
 def test_ended_lanes_refuse_to_go_on_without_autoreset():
