@@ -5,6 +5,7 @@ import math
 from estimators.kernels.borrow import borrow
 from estimators.kernels.gaussian import ROBOT
 from estimators.kernels.jit import inline, subroutine
+from estimators.kernels.linalg import nearest_covariance
 from estimators.models import TWIST
 
 FULL_CIRCLE_VARIANCE = math.pi**2 / 3.0  # of a heading about which nothing is known
@@ -15,7 +16,8 @@ def relative(mu, P, lane, j, c, s):
     """The point at row j in the robot's frame: (x, y) and its covariance (xx, xy, yy), cross terms included.
 
     q = C'(l - p), with Jacobian C'[-I, -J(l - p), I] over robot position, heading and the point; c, s are the
-    cosine and sine of the robot's heading.
+    cosine and sine of the robot's heading. Where both are known far less well than one to the other, less than
+    rounding may be left of the difference: it is a covariance all the same (`nearest_covariance`).
     """
     dx, dy = mu[lane, j] - mu[lane, 0], mu[lane, j + 1] - mu[lane, 1]
     f0, f1, turn = P[lane, j, 2] - P[lane, 0, 2], P[lane, j + 1, 2] - P[lane, 1, 2], P[lane, 2, 2]
@@ -25,6 +27,7 @@ def relative(mu, P, lane, j, c, s):
     xx = c * c * e00 + 2.0 * c * s * e01 + s * s * e11
     yy = s * s * e00 - 2.0 * c * s * e01 + c * c * e11
     xy = c * s * (e11 - e00) + (c * c - s * s) * e01
+    xx, xy, yy = nearest_covariance(xx, xy, yy)
     return c * dx + s * dy, c * dy - s * dx, xx, xy, yy
 
 

@@ -47,3 +47,21 @@ def solve_transposed(C, n, D, row, out):
         for k in range(j + 1, n):
             value -= C[k, j] * out[row, k]
         out[row, j] = value / C[j, j]
+
+
+@inline
+def nearest_covariance(xx, xy, yy):
+    """The positive semidefinite 2x2 matrix nearest to (xx, xy, yy): itself where it is one, bit for bit.
+
+    A small difference of large variances is known to their rounding only and may come out indefinite: its negative
+    part is rounding and is taken off.
+    """
+    if xx >= 0.0 and yy >= 0.0 and xy * xy <= xx * yy:
+        return xx, xy, yy
+    mean, half = 0.5 * (xx + yy), 0.5 * (xx - yy)
+    radius = math.sqrt(half * half + xy * xy)
+    large = mean + radius
+    if large <= 0.0:
+        return 0.0, 0.0, 0.0
+    scale = 0.5 * large / radius  # along the eigenvector of `large`, which alone is left
+    return scale * (radius + half), scale * xy, scale * (radius - half)

@@ -1,9 +1,9 @@
-"""The semidefinite Cholesky factor and its solve, against NumPy and on singular matrices."""
+"""The semidefinite Cholesky factor and its solve, against NumPy and on singular matrices; the nearest covariance."""
 
 import numpy as np
 import pytest
 
-from estimators.kernels.linalg import semidefinite_cholesky, solve_transposed
+from estimators.kernels.linalg import nearest_covariance, semidefinite_cholesky, solve_transposed
 
 RNG = np.random.default_rng(3)
 
@@ -54,3 +54,23 @@ def test_the_solve_of_a_singular_factor_is_the_slope_over_what_varies():
     C, out = factor(np.diag([4.0, 0.0, 9.0])), np.full((1, 3), np.nan)
     solve_transposed(C, 3, np.array([[2.0, 5.0, 6.0]]), 0, out)
     assert np.array_equal(out, [[1.0, 0.0, 2.0]])
+
+
+def unpack(xx, xy, yy):
+    return np.array([[xx, xy], [xy, yy]])
+
+
+def test_the_nearest_covariance_is_the_positive_part():
+    for xx, xy, yy in RNG.standard_normal((200, 3)):
+        values, vectors = np.linalg.eigh(unpack(xx, xy, yy))
+        positive = vectors * np.maximum(values, 0.0) @ vectors.T
+        assert unpack(*nearest_covariance(xx, xy, yy)) == pytest.approx(positive, abs=1e-12)
+
+
+@pytest.mark.parametrize("cov", [(2.0, 0.5, 1.0), (0.0, 0.0, 0.0), (4.0, 2.0, 1.0), (1e-300, 0.0, 0.0)])
+def test_a_covariance_is_its_own_nearest_bit_for_bit(cov):
+    assert nearest_covariance(*cov) == cov
+
+
+def test_nothing_that_is_not_a_number_is_hidden():
+    assert np.isnan(nearest_covariance(np.nan, 0.0, 1.0)).all()

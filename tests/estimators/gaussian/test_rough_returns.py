@@ -8,8 +8,8 @@ from estimators._recording import DT, MOTION, SENSOR, TARGET_MODEL, feed, record
 from estimators.gaussian.anchor import ROUGH_NIS
 from estimators.gaussian.ekf import EKF
 from estimators.gaussian.fej import FEJEKF
-from estimators.interface import Scan
-from estimators.models import TargetModel
+from estimators.interface import TARGET, Scan
+from estimators.models import SensorModel, TargetModel
 from estimators.testing import checks
 
 NAMES = [
@@ -53,6 +53,23 @@ def test_a_landmark_first_met_at_the_robot_itself(name, distance):
     assert np.linalg.norm(belief.pose[:, :2] - pose[:, :2], axis=1).max() < 0.5
     assert np.abs(wrap(belief.pose[:, 2] - pose[:, 2])).max() < 0.2
     assert np.linalg.eigvalsh(belief.pose_cov).min() > 0.0
+
+
+@pytest.mark.parametrize("name", ["ekf", "ri-ekf", "robocentric-ekf", "cdkf", "compressed-ekf"])
+def test_what_is_seen_far_better_than_the_robot_is_known_has_a_covariance(name):
+    """Metres of doubt about the robot, nanometres about what is beside it: less than rounding is left between them."""
+    rng, lanes = np.random.default_rng(4), 32
+    sensor = SensorModel(range_std=1e-7, bearing_std=1e-3)
+    estimator = registry.make(name, MOTION, sensor, TARGET_MODEL, num_lanes=lanes, max_landmarks=1)
+    pose = np.column_stack([rng.uniform(-5.0, 5.0, (lanes, 2)), rng.uniform(-3.0, 3.0, lanes)])
+    estimator.reset(pose, np.diag([1.0, 2.0, 0.5]), seeds=np.arange(lanes))
+    scan = Scan.empty(lanes, 2)
+    scan.count[:], scan.labels[:] = 2, [0, TARGET]
+    scan.ranges[:], scan.bearings[:] = 1e-6, rng.uniform(-3.0, 3.0, (lanes, 2))
+    estimator.update(scan)
+    for cov in (estimator.belief.landmark_rel_cov[:, 0], estimator.belief.target_rel_cov):
+        smallest, largest = np.linalg.eigvalsh(cov).T
+        assert (smallest >= -1e-12 * largest).all()
 
 
 @pytest.mark.parametrize("name", NAMES)
