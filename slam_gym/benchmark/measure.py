@@ -17,9 +17,7 @@ from slam_gym.benchmark.floors import peak_gflops
 from slam_gym.benchmark.machine import machine
 
 Progress = Callable[[str, int, int], None]  # (what is being measured, measurements done, in all)
-Job = tuple[
-    str, str, Callable[[], list[dict[str, Any]]]
-]  # (table, what is being measured, the work: rows of the table)
+Job = tuple[str, str, Callable[[], list[dict[str, Any]]]]  # a table, what is being measured, what returns its rows
 
 
 @dataclass(frozen=True)
