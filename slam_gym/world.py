@@ -113,7 +113,8 @@ class World:
             setattr(self, name, view)
         self.start_cov: Floats = np.zeros((L, 3, 3))
         self._arguments = (self.numbers, self._blocks.floats, self._blocks.integers, self._blocks.flags)
-        self._step = bind(step, LATER, LATER, *self._arguments)
+        self._command: Floats = np.zeros((L, 2))
+        self._step = self.bound_step(self._command)
         self.crew = Crew(self.threads)
 
     def reset(self, seeds: ArrayLike, lanes: Ints | None = None, options: Mapping[str, Any] | None = None) -> None:
@@ -170,10 +171,11 @@ class World:
         """One simulation step. command: [L, 2] (speed [m/s], turn rate [rad/s] or steering angle [rad])."""
         if lanes is None:
             lanes = self.lanes
+        self._command[:] = command
         if self.threads > 1 and len(lanes) > 1:
-            self._share(command, lanes)
+            self._share(lanes)
         else:
-            self._step(lanes, command)
+            self._step(lanes)
 
     def scan_holds_target(self, lane: int) -> bool:
         """Whether a return of the latest sweep is really the target's."""
@@ -183,10 +185,10 @@ class World:
         """The kernel of `step` for ever the same array of commands, on the thread that calls it; it takes the lanes."""
         return bind(step, LATER, command, *self._arguments)
 
-    def _share(self, command: Floats, lanes: Ints) -> None:
+    def _share(self, lanes: Ints) -> None:
         """Every thread takes a run of lanes; they touch nothing in common."""
         parts = np.array_split(lanes, min(self.threads, len(lanes)))
-        self.crew.run([(lambda part: self._step(part, command), part) for part in parts])
+        self.crew.run([(self._step, part) for part in parts])
 
     def target_start(self, lanes: Ints | None = None) -> tuple[Floats, Floats] | None:
         """The filter's prior of the target: mean [n, n_t] and covariance [n, n_t, n_t]; None where it is not told."""

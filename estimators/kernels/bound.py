@@ -1,14 +1,14 @@
 """Call kernels again and again with the same arrays, for a quarter of a microsecond whatever their number.
 
 numba takes every array of a call apart anew, some 0.08 us each, and a structured one costs 0.3 us and more. `bind`
-writes the addresses and shapes of the arrays that stay, and the numbers, into one table; a small kernel made for it
-reads them back and calls the one that was bound, compiled together with it. `chain` makes one such call of several.
-Results are the same to the last bit.
+writes the kernel's address, those and the shapes of the arrays that stay, and the numbers into one table; a small
+caller reads them back and calls the kernel. `chain` makes one such call of several. What runs is the machine code that
+Python calls too, not a copy: LLVM would optimise that beside other code, and the last bit of a result could differ.
 """
 
 import hashlib
 import importlib
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable
 from functools import cache, partial
 from pathlib import Path
 from typing import Any
@@ -21,8 +21,9 @@ from numba.core import cgutils
 from numba.extending import intrinsic
 from numba.np.arrayobj import populate_array
 
-from estimators.kernels.jit import inline, jit, source_stamp
+from estimators.kernels.jit import inline, jit
 from estimators.kernels.simd import aligned_zeros
+from estimators.kernels.subroutines import Subroutine
 
 
 class _Later:
@@ -36,12 +37,16 @@ class _Later:
 
 
 LATER: Any = _Later()
-"""Among the arguments of `bind`: one that is given at each call."""
+"""Among the arguments of `bind`: the lanes [n], int64 and contiguous, which are given at each call."""
+_LANES = types.int64[::1]
 
 _WORD = ir.IntType(64)
 _FIELD = 8  # bytes of a table's field
 
 Part = tuple[Any, tuple[Any, ...]]  # a kernel and its arguments
+Call = tuple[
+    Any, Any, tuple[Any, ...], tuple[bool, ...]
+]  # a kernel, types of its result and arguments, which are lanes
 
 
 class Bound(partial[Any]):
@@ -63,10 +68,10 @@ class Bound(partial[Any]):
 
 
 def bind(kernel: Any, *arguments: Any) -> Bound:
-    """The kernel with its arguments, but for those that are `LATER`: given at each call, in order.
+    """The kernel with its arguments, but for `LATER`: the lanes, given at each call. It is compiled at once.
 
     Args:
-        kernel: a `@jit` function at the top level of its module.
+        kernel: a `@jit` function at the top level of its module, or a `@subroutine`.
         arguments: contiguous arrays, which are kept alive and must not be replaced; integers, floats, booleans.
 
     Raises:
@@ -78,8 +83,7 @@ def bind(kernel: Any, *arguments: Any) -> Bound:
 def chain(*calls: Bound) -> Bound:
     """Bound kernels one after the other, as one call; it returns whether all of them ran.
 
-    A kernel that returns False is the last to run. What is given later, every kernel takes from the beginning: the
-    first of its own `LATER` arguments is the chain's first.
+    A kernel that returns False is the last to run. All take the same lanes.
     """
     return _bind(tuple(part for call in calls for part in call.parts))
 
@@ -91,12 +95,25 @@ def _copy(array: Any) -> Any:
 
 
 def _bind(parts: tuple[Part, ...]) -> Bound:
-    fields = [field for _, arguments in parts for argument in arguments for field in _fields(argument)]
+    fields: list[int] = []
+    calls = []
+    for kernel, arguments in parts:
+        kinds = tuple(map(_kind, arguments))
+        address, result = _compiled(kernel, kinds)
+        fields += [address, *(field for argument in arguments for field in _fields(argument))]
+        calls.append((kernel, result, kinds, tuple(argument is LATER for argument in arguments)))
     table = np.array(fields, dtype=np.int64)
-    kinds = tuple((kernel, tuple(map(_kind, arguments))) for kernel, arguments in parts)
-    bound = Bound(_caller(kinds), int(table.ctypes.data))
+    bound = Bound(_caller(tuple(calls)), int(table.ctypes.data))
     bound.parts, bound.table = parts, table
     return bound
+
+
+def _compiled(kernel: Any, kinds: tuple[Any, ...]) -> tuple[int, Any]:
+    """A kernel's address for arguments of these types, and the type of its result."""
+    kernel = kernel.as_kernel if isinstance(kernel, Subroutine) else kernel
+    kernel.compile(kinds)
+    found = kernel.overloads[kinds]
+    return found.library.get_pointer_to_function(found.fndesc.llvm_func_name), found.signature.return_type
 
 
 def _bind_again(named: tuple[tuple[str, str, tuple[Any, ...]], ...]) -> Bound:
@@ -104,8 +121,8 @@ def _bind_again(named: tuple[tuple[str, str, tuple[Any, ...]], ...]) -> Bound:
 
 
 def _kind(argument: Any) -> Any:
-    """Numba's type of an argument; None for one that is given later."""
-    return None if argument is LATER else numba.typeof(argument)
+    """Numba's type of an argument."""
+    return _LANES if argument is LATER else numba.typeof(argument)
 
 
 def _fields(argument: Any) -> list[int]:
@@ -120,41 +137,28 @@ def _fields(argument: Any) -> list[int]:
 
 
 @cache
-def _caller(parts: tuple[Part, ...]) -> Any:
-    """The small kernel: (address of a table, later arguments) -> what the bound kernel, or the chain, returns.
+def _caller(calls: tuple[Call, ...]) -> Any:
+    """The small kernel: (address of a table, lanes, where any call takes them) -> the result of the call, or the chain.
 
-    Its name tells kinds, this file's version and those of all kernels apart, and it counts as part of the first
-    kernel's file, so that the cache on disk holds for it as for any other.
+    Its name tells all kinds and this file's version apart, and it counts as part of the first kernel's file, so that
+    the cache on disk holds for it as for any other.
     """
     known: dict[str, Any] = {"__name__": __name__, "went_well": _went_well}
-    calls = list(_calls(parts, known))
-    most = max(sum(kind is None for kind in kinds) for _, kinds in parts)
-    body = [f"return {calls[0]}"] if len(calls) == 1 else _in_turn(calls)
-    stamps = [source_stamp(Path(kernel.py_func.__code__.co_filename)) for kernel, _ in parts]
-    kinds = [(kernel.__name__, kinds) for kernel, kinds in parts]
-    version = hashlib.sha256(f"{kinds} {stamps} {Path(__file__).read_text()}".encode()).hexdigest()[:16]
-    name = f"bound_{parts[0][0].__name__}_{version}"
-    arguments = ", ".join(["table", *(f"later_{i}" for i in range(most))])
-    source = f"def {name}({arguments}):\n" + "".join(f"    {line}\n" for line in body)
-    exec(compile(source, parts[0][0].py_func.__code__.co_filename, "exec"), known)
+    takes_lanes = any(any(later) for _, _, _, later in calls)
+    lanes = ", lanes" if takes_lanes else ""
+    written, at = [], 0
+    for p, (_, result, kinds, later) in enumerate(calls):
+        known[f"call_{p}"] = intrinsic(_call(result, kinds, later, takes_lanes))
+        written.append(f"call_{p}(table + {at}{lanes})")
+        at += _FIELD * (1 + sum(_size(kind) for kind, given in zip(kinds, later, strict=True) if not given))
+    body = [f"return {written[0]}"] if len(written) == 1 else _in_turn(written)
+    first = calls[0][0]
+    told = [(kernel.__name__, *rest) for kernel, *rest in calls]
+    version = hashlib.sha256(f"{told} {Path(__file__).read_text()}".encode()).hexdigest()[:16]
+    name = f"bound_{first.__name__}_{version}"
+    source = f"def {name}(table{lanes}):\n" + "".join(f"    {line}\n" for line in body)
+    exec(compile(source, first.py_func.__code__.co_filename, "exec"), known)
     return jit(known[name])
-
-
-def _calls(parts: tuple[Part, ...], known: dict[str, Any]) -> Iterator[str]:
-    """The source of each kernel's call; what it names is added to `known`."""
-    at = 0
-    for p, (kernel, kinds) in enumerate(parts):
-        known[f"kernel_{p}"] = kernel
-        passed, later = [], 0
-        for i, kind in enumerate(kinds):
-            if kind is None:
-                passed.append(f"later_{later}")
-                later += 1
-                continue
-            known[f"read_{p}_{i}"] = _reader(kind)
-            passed.append(f"read_{p}_{i}(table + {at})")
-            at += _FIELD * (1 + kind.ndim if isinstance(kind, types.Array) else 1)
-        yield f"kernel_{p}({', '.join(passed)})"
 
 
 def _in_turn(calls: list[str]) -> list[str]:
@@ -170,10 +174,35 @@ def _went_well(result):
     return True if result is None else result
 
 
-@cache
-def _reader(kind: Any) -> Any:
-    """What a kernel calls with a field's address to get the array or number back."""
-    return intrinsic(_array_reader(kind) if isinstance(kind, types.Array) else _number_reader(kind))
+def _call(result: Any, kinds: tuple[Any, ...], later: tuple[bool, ...], takes_lanes: bool) -> Any:
+    """The intrinsic that calls the kernel whose address and arguments a table holds."""
+
+    def generate(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+        at = _FIELD
+        passed = []
+        for kind, given in zip(kinds, later, strict=True):
+            if given:
+                passed.append(args[1])
+                continue
+            read = _read_array if isinstance(kind, types.Array) else _read_number
+            passed.append(read(context, builder, kind, builder.add(args[0], _WORD(at))))
+            at += _FIELD * _size(kind)
+        convention = context.call_conv
+        kernel_type = convention.get_function_type(result, kinds)
+        kernel = builder.inttoptr(_field(builder, args[0]), kernel_type.as_pointer())
+        status, value = convention.call_function(builder, kernel, result, kinds, passed)
+        with cgutils.if_unlikely(builder, status.is_error):
+            convention.return_status_propagate(builder, status)
+        return value
+
+    if takes_lanes:
+        return lambda typingctx, table, lanes: (result(types.int64, _LANES), generate)
+    return lambda typingctx, table: (result(types.int64), generate)
+
+
+def _size(kind: Any) -> int:
+    """Fields that an argument takes in the table."""
+    return 1 + kind.ndim if isinstance(kind, types.Array) else 1
 
 
 def _field(builder: Any, address: Any, index: int = 0, kind: Any = _WORD) -> Any:
@@ -181,34 +210,22 @@ def _field(builder: Any, address: Any, index: int = 0, kind: Any = _WORD) -> Any
     return builder.load(builder.gep(pointer, [_WORD(index)]))
 
 
-def _number_reader(kind: Any) -> Any:
-    def read(typingctx: Any, address: Any) -> Any:
-        def generate(context: Any, builder: Any, signature: Any, args: Any) -> Any:
-            if kind == types.float64:
-                return _field(builder, args[0], kind=ir.DoubleType())
-            return context.cast(builder, _field(builder, args[0]), types.int64, kind)
-
-        return kind(types.int64), generate
-
-    return read
+def _read_number(context: Any, builder: Any, kind: Any, address: Any) -> Any:
+    if kind == types.float64:
+        return _field(builder, address, kind=ir.DoubleType())
+    return context.cast(builder, _field(builder, address), types.int64, kind)
 
 
-def _array_reader(kind: Any) -> Any:
-    def read(typingctx: Any, address: Any) -> Any:
-        def generate(context: Any, builder: Any, signature: Any, args: Any) -> Any:
-            array = context.make_array(kind)(context, builder)
-            shape = [_field(builder, args[0], 1 + i) for i in range(kind.ndim)]
-            itemsize = _WORD(context.get_abi_sizeof(context.get_data_type(kind.dtype)))
-            strides = [itemsize]
-            for size in reversed(shape[1:]):
-                strides.insert(0, builder.mul(strides[0], size))
-            data = builder.inttoptr(_field(builder, args[0]), array.data.type)
-            populate_array(
-                array, data=data, shape=cgutils.pack_array(builder, shape),
-                strides=cgutils.pack_array(builder, strides), itemsize=itemsize, meminfo=None,
-            )  # fmt: skip
-            return array._getvalue()
-
-        return kind(types.int64), generate
-
-    return read
+def _read_array(context: Any, builder: Any, kind: Any, address: Any) -> Any:
+    array = context.make_array(kind)(context, builder)
+    shape = [_field(builder, address, 1 + i) for i in range(kind.ndim)]
+    itemsize = _WORD(context.get_abi_sizeof(context.get_data_type(kind.dtype)))
+    strides = [itemsize]
+    for size in reversed(shape[1:]):
+        strides.insert(0, builder.mul(strides[0], size))
+    data = builder.inttoptr(_field(builder, address), array.data.type)
+    populate_array(
+        array, data=data, shape=cgutils.pack_array(builder, shape), strides=cgutils.pack_array(builder, strides),
+        itemsize=itemsize, meminfo=None,
+    )  # fmt: skip
+    return array._getvalue()

@@ -22,6 +22,7 @@ from typing import Any
 import numba
 from numba.core import caching
 
+from estimators.kernels.libraries import KernelCompiler
 from estimators.kernels.subroutines import Subroutine, on_disk
 
 # Without "afn", "nnan" and "ninf": those let the compiler delete the checks for NaN and infinity.
@@ -131,7 +132,7 @@ if _StampedLocator not in caching.CacheImpl._locator_classes:
 def jit(function: Callable[..., Any], /, **options: Any) -> Any:
     """Compile a kernel with the project's options; falls back to no disk cache where none can be written."""
     function.__slam_gym_kernel__ = True  # type: ignore[attr-defined]
-    return on_disk(numba.njit(**{**OPTIONS, **options})(function))
+    return on_disk(numba.njit(pipeline_class=KernelCompiler, **{**OPTIONS, **options})(function))
 
 
 def subroutine(function: Callable[..., Any], /, **options: Any) -> Any:

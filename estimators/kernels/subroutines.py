@@ -11,47 +11,12 @@ from functools import cached_property
 from types import FunctionType
 from typing import Any
 
-from llvmlite import binding as llvm  # type: ignore[import-untyped, unused-ignore]
-from numba.core.codegen import JITCodeLibrary
-from numba.core.compiler import CompilerBase, DefaultPassBuilder
 from numba.core.registry import CPUDispatcher
 from numba.core.types import unliteral
 
+from estimators.kernels.libraries import KernelCompiler, SubroutineCompiler
+
 _NJIT = {"nopython": True, "boundscheck": None}  # what `numba.njit` adds to the options
-_ENVIRONMENT = "_ZN08NumbaEnv"  # begins the names of the variables that numba sets in compiled code
-_WIDEST = '"prefer-vector-width"="512"'  # LLVM halves AVX-512's vectors on some processors; others have none as wide
-
-
-class _Bodies(JITCodeLibrary):
-    """Compiled functions to link into others; only their variables become machine code."""
-
-    wide = False  # whether loops get the processor's widest vectors
-
-    def add_ir_module(self, ir_module: Any) -> None:
-        """Numba's, with what LLVM is to know about the functions."""
-        for function in ir_module.functions if self.wide else ():
-            set.add(function.attributes, _WIDEST)  # llvmlite's own `add` knows no attributes with values
-        super().add_ir_module(ir_module)
-
-    def _finalize_final_module(self) -> None:
-        self._finalized = True
-        bodies = self._get_module_for_linking()
-        variables = [str(one) for one in bodies.global_variables if one.name.startswith(_ENVIRONMENT)]
-        empty = str(self._codegen._create_empty_module(self.name))
-        self._final_module = llvm.parse_assembly("\n".join([empty, *variables]))
-        self._final_module.name = bodies.name
-        super()._finalize_final_module()
-
-
-class _Compiler(CompilerBase):  # type: ignore[misc, unused-ignore]
-    """Numba's own passes, into a library of `_Bodies`; what `jit.disjoint` promises is passed on."""
-
-    def define_pipelines(self) -> list[Any]:
-        state = self.state
-        state.library = _Bodies(state.targetctx.codegen(), state.func_id.func_qualname)
-        state.flags.noalias = state.library.wide = getattr(state.func_id.func, "__disjoint__", False)
-        state.library.enable_object_caching()
-        return [DefaultPassBuilder.define_nopython_pipeline(state)]
 
 
 class Subroutine(CPUDispatcher):  # type: ignore[misc, unused-ignore]
@@ -66,7 +31,7 @@ class Subroutine(CPUDispatcher):  # type: ignore[misc, unused-ignore]
         py_func: Callable[..., Any],
         locals: dict[str, Any] | None = None,
         targetoptions: dict[str, Any] | None = None,
-        pipeline_class: type = _Compiler,
+        pipeline_class: type = SubroutineCompiler,
     ) -> None:
         options = {**_NJIT, "no_cpython_wrapper": True, **(targetoptions or {})}
         super().__init__(py_func, locals or {}, options, pipeline_class)
@@ -81,11 +46,19 @@ class Subroutine(CPUDispatcher):  # type: ignore[misc, unused-ignore]
 
     @cached_property
     def _from_python(self) -> Any:
+        return self._copy("from_python", no_cpython_wrapper=False)
+
+    @cached_property
+    def as_kernel(self) -> Any:
+        """The same in machine code of its own, for `bound`: without a door for Python."""
+        return self._copy("as_kernel")
+
+    def _copy(self, suffix: str, **options: bool) -> Any:
         own = self.py_func
         copy = FunctionType(own.__code__, own.__globals__, own.__name__, own.__defaults__, own.__closure__)
-        copy.__qualname__ = f"{own.__qualname__}_from_python"  # the name of its file on disk
+        copy.__qualname__ = f"{own.__qualname__}_{suffix}"  # the name of its file on disk
         copy.__dict__.update(own.__dict__)
-        return on_disk(CPUDispatcher(copy, {}, {**self.targetoptions, "no_cpython_wrapper": False}))
+        return on_disk(CPUDispatcher(copy, {}, {**self.targetoptions, **options}, KernelCompiler))
 
 
 def on_disk(function: Any) -> Any:

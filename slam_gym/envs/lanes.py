@@ -138,7 +138,6 @@ class Lanes:
         compiled = bound is not None and simulation.is_plain and not simulation.clouds
         if bound is not None and compiled:
             watch, scratch = chain(bound.fill, watch), scratch + bound.scratch
-            # The same chain for any number of lanes and threads: compiled anew it may round otherwise.
             ahead = chain(self._command_of, world.bound_step(self._command), bound.predict)
             if self.scenario.sensor_period > 1:
                 self._move, self._take = self._share(scratch, ahead), self._share(scratch, bound.update)

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from llvmlite import binding as llvm
 from numba import types
 
 from estimators.kernels import jit as jit_module
@@ -128,3 +129,31 @@ def test_rows_that_do_not_overlap_are_not_checked_for_it():
     total = np.ones(11)
     add_products_apart(total, np.arange(11.0), np.full(11, 2.0))
     np.testing.assert_array_equal(total, 1.0 + 2.0 * np.arange(11.0))
+
+
+@jit_module.subroutine
+def _long(x):
+    """Longer than LLVM copies twice into another function."""
+    total = 0.0
+    for i in range(x.size):
+        a, b = np.hypot(x[i], i), np.arctan2(x[i], total)
+        for j in range(i, x.size):
+            a += np.sin(b * x[j]) / (1.0 + np.log1p(abs(a)))
+            b = max(b * np.exp(-a), np.cbrt(a)) if x[j] > a else min(np.tanh(b), np.cos(a + b))
+        total += np.sqrt(abs(a - b)) if a > b else np.sinh(b) - np.expm1(-a)
+    return total
+
+
+@jit_module.jit
+def _calls_it(x):
+    return _long(x) * _long(x[1:]) + _long(x[2:]) - _long(x[:-1]) / _long(x[:-2]) + _long(x[3:])
+
+
+def test_a_kernel_calls_no_other_kernels_copy_of_a_function():
+    """Names that the linker may take from elsewhere would let the order of compilation decide the last bit."""
+    kinds = (types.float64[::1],)
+    _calls_it.compile(kinds)
+    module = llvm.parse_bitcode(_calls_it.overloads[kinds].library._final_module.as_bitcode())
+    defined = [function for function in module.functions if not function.is_declaration]
+    assert {function.linkage for function in defined} <= {llvm.Linkage.external, llvm.Linkage.internal}
+    assert any("_long" in function.name for function in defined)

@@ -190,7 +190,7 @@ def test_without_gtsam_the_message_names_the_extra(monkeypatch):
         return real(name, *rest)
 
     monkeypatch.setattr(builtins, "__import__", missing)
-    with pytest.raises(ImportError, match=r"slam-gym\[smoothing\]"):
+    with pytest.raises(ImportError, match=r"pip install .*\[smoothing\]"):
         registry.make("isam2", MOTION, SENSOR, None, max_landmarks=1)
 
 
