@@ -1,30 +1,21 @@
-"""What the processor can do at best: its peak of fused multiply-adds, and BLAS for an update's arithmetic."""
+"""What the processor can do at best, as BLAS does it: its peak, and an update's arithmetic."""
 
 from typing import Any
 
 import numpy as np
-from scipy.linalg.blas import dsyrk
+from scipy.linalg.blas import dgemm, dsyrk
 
-from estimators.kernels.jit import jit
 from slam_gym.benchmark.timing import Work, least_seconds
 
-CHAINS = 16  # independent sums of eight numbers, so that no addition waits for another
-LENGTH = 20_000
-
-
-@jit
-def _multiply_add(sums, factor, count):
-    """Sums [CHAINS * 8] <- sums * factor + 1, count times; all of them stay in registers or the first cache."""
-    for _ in range(count):
-        for i in range(sums.shape[0]):
-            sums[i] = sums[i] * factor + 1.0
+SIDE = 512  # of the matrices whose product is as near to the peak as anything
 
 
 def peak_gflops(rounds: int = 20) -> float:
-    """Multiplications and additions per nanosecond of one core, as compiled code reaches them."""
-    sums = np.ones(CHAINS * 8)
-    seconds = least_seconds({"peak": lambda: _multiply_add(sums, 0.5, LENGTH)}, rounds=rounds)["peak"]
-    return 2.0 * sums.size * LENGTH / seconds / 1e9
+    """Multiplications and additions per nanosecond of one core, as BLAS reaches them in a product of large matrices."""
+    rng = np.random.default_rng(0)
+    a, b, out = (np.asfortranarray(rng.standard_normal((SIDE, SIDE))) for _ in range(3))
+    work = {"peak": lambda: dgemm(1.0, a, b, beta=0.0, c=out, overwrite_c=1)}
+    return 2.0 * SIDE**3 / least_seconds(work, rounds=rounds)["peak"] / 1e9
 
 
 def dsyrk_work(n: int, rank: int) -> Work:

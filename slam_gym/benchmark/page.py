@@ -38,7 +38,7 @@ def _machine(found: dict[str, Any], command: str) -> str:
     versions = ", ".join(f"{name} {number}" for name, number in one["versions"].items())
     return (
         f"Measured by `{command}` on {one['processor']}, {one['cores']} cores, vectors {one['vectors']}; "
-        f"{one['system']}; {versions}. One core's peak: {found['peak_gflops']:.0f} GFLOP/s.\n"
+        f"{one['system']}; {versions}. One core's peak, BLAS's `dgemm`: {found['peak_gflops']:.0f} GFLOP/s.\n"
     )
 
 
