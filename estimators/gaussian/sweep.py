@@ -1,5 +1,6 @@
 """What every filter's update shares: association before it, and the book-keeping of returns that were not used."""
 
+import math
 from typing import Any
 
 import numba
@@ -14,7 +15,7 @@ COUNTERS = (
     "gate_rejected",  # a labelled return outside `gate`
     "not_positive",  # an update skipped: innovation covariance not positive definite, or the point at the robot
     "overflow",  # a new landmark beyond `max_landmarks`
-    "reinitialised",  # the target started anew from a return beyond `reinitialise_nis`
+    "reinitialised",  # the target started anew: a return beyond `reinitialise_nis`, or no covariance left of it
     "dropped",  # a return not used: not finite, ambiguous, without a usable label, a second one of a new landmark
     "search_cut",  # a sweep in which "jcbb" ran out of nodes and took the best association found by then
     "removed",  # an unlabelled landmark that should have been seen again and again and was not
@@ -110,12 +111,15 @@ def limit_of(gate, model, is_target):
 
 @inline
 def note(outcome, nis, is_target, mu, P, lane, n, n_t, model, target_known, pending, counters):
-    """Count a return that was not used; a target that could not have caused it is forgotten, to start anew."""
+    """Count a return that was not used; a target that could not have caused it is forgotten, to start anew.
+
+    So is one of which rounding has left no covariance, NIS NaN: its rows cannot be mended, and it is seen just now.
+    """
+    lost = is_target and (math.isnan(nis) or nis > model.reinitialise_nis)
     if outcome == UNUSABLE:
         counters[lane, NOT_POSITIVE] += 1
-    elif outcome == UNLIKELY:
-        if is_target and nis > model.reinitialise_nis:
-            counters[lane, REINITIALISED] += 1
-            forget_target(mu, P, lane, n, n_t, target_known, pending)
-        else:
-            counters[lane, GATE_REJECTED] += 1
+    elif not lost:
+        counters[lane, GATE_REJECTED] += 1
+    if lost:
+        counters[lane, REINITIALISED] += 1
+        forget_target(mu, P, lane, n, n_t, target_known, pending)

@@ -72,6 +72,25 @@ def test_what_is_seen_far_better_than_the_robot_is_known_has_a_covariance(name):
         assert (smallest >= -1e-12 * largest).all()
 
 
+@pytest.mark.parametrize("name", ["ekf", "fej-ekf", "oc-ekf", "ri-ekf", "taylor-ekf", "dead-reckoning"])
+def test_a_target_of_which_rounding_has_left_no_covariance_starts_anew(name):
+    estimator = registry.make(name, MOTION, SENSOR, TARGET_MODEL, num_lanes=2, max_landmarks=1)
+    state = {"target": np.array([2.0, 1.0, 0.5, 0.0]), "target_cov": 0.1 * np.eye(4)}
+    estimator.reset(np.zeros(3), np.diag([1e-4, 1e-4, 1e-4]), seeds=0, **state)
+    estimator.P[1, 3:5, 3:5] = -1e8 * np.eye(2)
+    scan = Scan.empty(2, 1)
+    scan.count[:], scan.labels[:], scan.ranges[:], scan.bearings[:] = 1, TARGET, 2.0, 0.5
+    for _ in range(3):
+        estimator.predict(np.tile([0.0, 0.0], (2, 1)), DT)
+        estimator.update(scan)
+    belief = estimator.belief
+    assert belief.target_known.all()
+    assert np.linalg.eigvalsh(belief.target_cov).min() > 0.0
+    np.testing.assert_allclose(
+        belief.target_position, np.tile(2.0 * np.array([np.cos(0.5), np.sin(0.5)]), (2, 1)), atol=0.3
+    )
+
+
 @pytest.mark.parametrize("name", NAMES)
 def test_rough_sweeps_under_a_tight_budget(name):
     for check in checks(name, budget=3):
