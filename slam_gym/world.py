@@ -169,8 +169,7 @@ class World:
 
     def step(self, command: Floats, lanes: Ints | None = None) -> None:
         """One simulation step. command: [L, 2] (speed [m/s], turn rate [rad/s] or steering angle [rad])."""
-        if lanes is None:
-            lanes = self.lanes
+        lanes = self.lanes if lanes is None else np.ascontiguousarray(lanes, dtype=np.int64)
         self._command[:] = command
         if self.threads > 1 and len(lanes) > 1:
             self._share(lanes)

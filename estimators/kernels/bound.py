@@ -46,7 +46,7 @@ _FIELD = 8  # bytes of a table's field
 Part = tuple[Any, tuple[Any, ...]]  # a kernel and its arguments
 Call = tuple[
     Any, Any, tuple[Any, ...], tuple[bool, ...]
-]  # a kernel, types of its result and arguments, which are lanes
+]  # a kernel, its result's type, its arguments'; which are lanes
 
 
 class Bound(partial[Any]):
@@ -131,7 +131,7 @@ def _fields(argument: Any) -> list[int]:
         return []
     if isinstance(argument, np.ndarray):
         if not argument.flags.c_contiguous:
-            raise ValueError("bind needs contiguous arrays; got one that is not: bind a copy, or give it later")
+            raise ValueError("bind needs contiguous arrays; got one that is not: bind a copy")
         return [argument.ctypes.data, *argument.shape]
     return [int(np.float64(argument).view(np.int64)) if isinstance(argument, float) else int(argument)]
 

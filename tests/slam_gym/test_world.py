@@ -70,12 +70,15 @@ def test_lanes_are_single_worlds_bit_for_bit(busy, singles, num_lanes, threads):
         assert [step[lane] for step in shown] == singles[lane]
 
 
-def test_some_lanes_step_while_others_rest(busy, singles):
-    world = World(busy, 3, 2)
+@pytest.mark.parametrize(
+    ("lanes", "threads"), [(np.array([0, 2]), 2), (np.arange(3)[::2], 1), (np.array([0, 2], dtype=np.int32), 1)]
+)
+def test_some_lanes_step_while_others_rest(busy, singles, lanes, threads):
+    world = World(busy, 3, threads)
     world.reset([5, 6, 7])
     resting = observe(world, 1)
     for step in range(25):
-        world.step(np.array([command(seed, step) for seed in (5, 6, 7)]), np.array([0, 2]))
+        world.step(np.array([command(seed, step) for seed in (5, 6, 7)]), lanes)
         assert observe(world, 0) == singles[5][step + 1]
         assert observe(world, 2) == singles[7][step + 1]
     assert observe(world, 1) == resting
