@@ -44,9 +44,7 @@ _WORD = ir.IntType(64)
 _FIELD = 8  # bytes of a table's field
 
 Part = tuple[Any, tuple[Any, ...]]  # a kernel and its arguments
-Call = tuple[
-    Any, Any, tuple[Any, ...], tuple[bool, ...]
-]  # a kernel, its result's type, its arguments'; which are lanes
+Call = tuple[Any, Any, tuple[Any, ...]]  # a kernel, the type of its result, those of its arguments: None for the lanes
 
 
 class Bound(partial[Any]):
@@ -101,7 +99,7 @@ def _bind(parts: tuple[Part, ...]) -> Bound:
         kinds = tuple(map(_kind, arguments))
         address, result = _compiled(kernel, kinds)
         fields += [address, *(field for argument in arguments for field in _fields(argument))]
-        calls.append((kernel, result, kinds, tuple(argument is LATER for argument in arguments)))
+        calls.append((kernel, result, kinds))
     table = np.array(fields, dtype=np.int64)
     bound = Bound(_caller(tuple(calls)), int(table.ctypes.data))
     bound.parts, bound.table = parts, table
@@ -111,8 +109,9 @@ def _bind(parts: tuple[Part, ...]) -> Bound:
 def _compiled(kernel: Any, kinds: tuple[Any, ...]) -> tuple[int, Any]:
     """A kernel's address for arguments of these types, and the type of its result."""
     kernel = kernel.as_kernel if isinstance(kernel, Subroutine) else kernel
-    kernel.compile(kinds)
-    found = kernel.overloads[kinds]
+    passed = _passed(kinds)
+    kernel.compile(passed)
+    found = kernel.overloads[passed]
     return found.library.get_pointer_to_function(found.fndesc.llvm_func_name), found.signature.return_type
 
 
@@ -121,8 +120,13 @@ def _bind_again(named: tuple[tuple[str, str, tuple[Any, ...]], ...]) -> Bound:
 
 
 def _kind(argument: Any) -> Any:
-    """Numba's type of an argument."""
-    return _LANES if argument is LATER else numba.typeof(argument)
+    """Numba's type of an argument; None for the lanes, which are in no table."""
+    return None if argument is LATER else numba.typeof(argument)
+
+
+def _passed(kinds: tuple[Any, ...]) -> tuple[Any, ...]:
+    """The types that the kernel is called with."""
+    return tuple(_LANES if kind is None else kind for kind in kinds)
 
 
 def _fields(argument: Any) -> list[int]:
@@ -138,25 +142,23 @@ def _fields(argument: Any) -> list[int]:
 
 @cache
 def _caller(calls: tuple[Call, ...]) -> Any:
-    """The small kernel: (address of a table, lanes, where any call takes them) -> the result of the call, or the chain.
+    """The small kernel: (address of a table, lanes) -> the result of the call, or the chain.
 
     Its name tells all kinds and this file's version apart, and it counts as part of the first kernel's file, so that
     the cache on disk holds for it as for any other.
     """
     known: dict[str, Any] = {"__name__": __name__, "went_well": _went_well}
-    takes_lanes = any(any(later) for _, _, _, later in calls)
-    lanes = ", lanes" if takes_lanes else ""
     written, at = [], 0
-    for p, (_, result, kinds, later) in enumerate(calls):
-        known[f"call_{p}"] = intrinsic(_call(result, kinds, later, takes_lanes))
-        written.append(f"call_{p}(table + {at}{lanes})")
-        at += _FIELD * (1 + sum(_size(kind) for kind, given in zip(kinds, later, strict=True) if not given))
+    for p, (_, result, kinds) in enumerate(calls):
+        known[f"call_{p}"] = intrinsic(_call(result, kinds))
+        written.append(f"call_{p}(table + {at}, lanes)")
+        at += _FIELD * (1 + sum(map(_size, kinds)))
     body = [f"return {written[0]}"] if len(written) == 1 else _in_turn(written)
     first = calls[0][0]
     told = [(kernel.__name__, *rest) for kernel, *rest in calls]
     version = hashlib.sha256(f"{told} {Path(__file__).read_text()}".encode()).hexdigest()[:16]
     name = f"bound_{first.__name__}_{version}"
-    source = f"def {name}(table{lanes}):\n" + "".join(f"    {line}\n" for line in body)
+    source = f"def {name}(table, lanes):\n" + "".join(f"    {line}\n" for line in body)
     exec(compile(source, first.py_func.__code__.co_filename, "exec"), known)
     return jit(known[name])
 
@@ -174,34 +176,30 @@ def _went_well(result):
     return True if result is None else result
 
 
-def _call(result: Any, kinds: tuple[Any, ...], later: tuple[bool, ...], takes_lanes: bool) -> Any:
+def _call(result: Any, kinds: tuple[Any, ...]) -> Any:
     """The intrinsic that calls the kernel whose address and arguments a table holds."""
 
     def generate(context: Any, builder: Any, signature: Any, args: Any) -> Any:
-        at = _FIELD
-        passed = []
-        for kind, given in zip(kinds, later, strict=True):
-            if given:
-                passed.append(args[1])
-                continue
-            read = _read_array if isinstance(kind, types.Array) else _read_number
-            passed.append(read(context, builder, kind, builder.add(args[0], _WORD(at))))
+        table, lanes = args
+        passed, at = [], _FIELD
+        for kind in kinds:
+            passed.append(lanes if kind is None else _read(context, builder, kind, builder.add(table, _WORD(at))))
             at += _FIELD * _size(kind)
-        convention = context.call_conv
-        kernel_type = convention.get_function_type(result, kinds)
-        kernel = builder.inttoptr(_field(builder, args[0]), kernel_type.as_pointer())
-        status, value = convention.call_function(builder, kernel, result, kinds, passed)
+        convention, types_passed = context.call_conv, _passed(kinds)
+        kernel_type = convention.get_function_type(result, types_passed)
+        kernel = builder.inttoptr(_field(builder, table), kernel_type.as_pointer())
+        status, value = convention.call_function(builder, kernel, result, types_passed, passed)
         with cgutils.if_unlikely(builder, status.is_error):
             convention.return_status_propagate(builder, status)
         return value
 
-    if takes_lanes:
-        return lambda typingctx, table, lanes: (result(types.int64, _LANES), generate)
-    return lambda typingctx, table: (result(types.int64), generate)
+    return lambda typingctx, table, lanes: (result(types.int64, _LANES), generate)
 
 
 def _size(kind: Any) -> int:
     """Fields that an argument takes in the table."""
+    if kind is None:
+        return 0
     return 1 + kind.ndim if isinstance(kind, types.Array) else 1
 
 
@@ -210,7 +208,10 @@ def _field(builder: Any, address: Any, index: int = 0, kind: Any = _WORD) -> Any
     return builder.load(builder.gep(pointer, [_WORD(index)]))
 
 
-def _read_number(context: Any, builder: Any, kind: Any, address: Any) -> Any:
+def _read(context: Any, builder: Any, kind: Any, address: Any) -> Any:
+    """An argument back from its fields."""
+    if isinstance(kind, types.Array):
+        return _read_array(context, builder, kind, address)
     if kind == types.float64:
         return _field(builder, address, kind=ir.DoubleType())
     return context.cast(builder, _field(builder, address), types.int64, kind)

@@ -8,9 +8,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 from llvmlite import binding as llvm
-from numba import types
+from numba import njit, types
 
 from estimators.kernels import jit as jit_module
+from estimators.kernels.libraries import KernelCompiler
 
 CALLEE = """
 from estimators.kernels.jit import inline
@@ -144,7 +145,7 @@ def _long(x):
     return total
 
 
-@jit_module.jit
+@njit(pipeline_class=KernelCompiler, **jit_module.OPTIONS)  # as `jit` does, but never read from disk
 def _calls_it(x):
     return _long(x) * _long(x[1:]) + _long(x[2:]) - _long(x[:-1]) / _long(x[:-2]) + _long(x[3:])
 
