@@ -1,6 +1,7 @@
 """A particle filter's update: what a return costs per particle, and what the size of the map costs."""
 
 from collections.abc import Iterator, Sequence
+from itertools import islice
 from time import perf_counter
 from typing import Any
 
@@ -18,7 +19,8 @@ FEW, MANY = 10, 30  # returns of the sweeps whose difference is the price of one
 MOTION = MotionModel(speed_std=0.3, turn_std=0.1)
 SENSOR = SensorModel(max_range=6.0, range_std=0.1, bearing_std=0.02)
 CONTROL = np.array([[1.0, 0.0]])
-SEEN, SETTLED = 10, 1500
+SEEN, SETTLED, SLICE = 10, 1500, 50
+QUIET = 0.1  # of the steps are faster than what is said
 
 
 def return_rows(names: Sequence[str], rounds: int = 20) -> list[dict[str, Any]]:
@@ -65,33 +67,64 @@ def sweeps(landmarks: int, count: int, seed: int = 0) -> Iterator[Scan]:
         yield scan
 
 
-def map_row(storage: str, landmarks: int, settled: int = SETTLED) -> dict[str, Any]:
-    """Row (storage, landmarks, microseconds per update and resampling, the latter's share, times the yardstick, MB).
+def map_rows(
+    cases: Sequence[tuple[str, int]], settled: int = SETTLED, slice_steps: int = SLICE
+) -> list[dict[str, Any]]:
+    """Rows of (storage, landmarks): microseconds per update and resampling, the latter's share, times dsyrk, MB.
 
-    Measured in `settled` steps once the map is full, a resampling in each; a tenth of them is faster than what is said.
+    The cases take turns of `slice_steps` steps, `settled` each once their maps are full, a resampling in each. A tenth
+    of a case's steps are faster than what is said. In turn they all meet the same loads: ratios between them hold.
     megabytes: set aside for the maps; used: of them, in use.
     """
-    estimator: Any = make(
-        "slamto", MOTION, SENSOR, None, max_landmarks=landmarks, particles=PARTICLES, resample_threshold=1.0,
-        map_storage=storage,
-    )  # fmt: skip
+    drives = [_MapDrive(storage, landmarks, settled) for storage, landmarks in cases]
     unit_work = dsyrk_work(*YARDSTICK)
-    seconds, resampling, units = [], [], []
-    for scan in sweeps(landmarks, 2 * landmarks + settled):
-        estimator.predict(CONTROL, 0.1)
-        began = perf_counter()
-        estimator.update(scan)
-        updated = perf_counter()
-        estimator._resample(estimator.all_lanes)
-        moved = perf_counter()
-        unit_work()
-        units.append(perf_counter() - moved)
-        resampling.append(moved - updated)
-        seconds.append(moved - began)
-    second, share, unit = (np.quantile(times[-settled:], 0.1) for times in (seconds, resampling, units))
-    return {"storage": storage, "landmarks": landmarks, "microseconds": 1e6 * second, "resampling": share / second,
-            "times_dsyrk": second / unit,
-            "megabytes": reserved_bytes(estimator) / 1e6, "used": int(estimator.map_bytes()[0]) / 1e6}  # fmt: skip
+    units: list[float] = []
+    for _ in range(0, settled, slice_steps):
+        for drive in drives:
+            drive.advance(slice_steps)
+        for _ in range(slice_steps):
+            began = perf_counter()
+            unit_work()
+            units.append(perf_counter() - began)
+    unit = float(np.quantile(units, QUIET))
+    return [drive.row(unit) for drive in drives]
+
+
+class _MapDrive:
+    """A filter whose map is full, driven on for some timed steps now and then."""
+
+    def __init__(self, storage: str, landmarks: int, settled: int) -> None:
+        self.storage, self.landmarks = storage, landmarks
+        self.estimator: Any = make(
+            "slamto", MOTION, SENSOR, None, max_landmarks=landmarks, particles=PARTICLES, resample_threshold=1.0,
+            map_storage=storage,
+        )  # fmt: skip
+        self.scans = sweeps(landmarks, 2 * landmarks + settled)
+        self.seconds: list[float] = []
+        self.resampling: list[float] = []
+        self.advance(2 * landmarks)
+        self.seconds.clear()
+        self.resampling.clear()
+
+    def advance(self, steps: int) -> None:
+        """Predict, update and resample, and note the times of the last two."""
+        for scan in islice(self.scans, steps):
+            self.estimator.predict(CONTROL, 0.1)
+            began = perf_counter()
+            self.estimator.update(scan)
+            updated = perf_counter()
+            self.estimator._resample(self.estimator.all_lanes)
+            moved = perf_counter()
+            self.resampling.append(moved - updated)
+            self.seconds.append(moved - began)
+
+    def row(self, unit: float) -> dict[str, Any]:
+        """What the steps took, and in units of `unit` seconds."""
+        second, share = (float(np.quantile(times, QUIET)) for times in (self.seconds, self.resampling))
+        return {"storage": self.storage, "landmarks": self.landmarks, "microseconds": 1e6 * second,
+                "resampling": share / second, "times_dsyrk": second / unit,
+                "megabytes": reserved_bytes(self.estimator) / 1e6,
+                "used": int(self.estimator.map_bytes()[0]) / 1e6}  # fmt: skip
 
 
 def reserved_bytes(estimator: Estimator) -> int:

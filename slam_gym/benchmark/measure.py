@@ -93,8 +93,7 @@ def _blas(size: Size) -> Iterator[Job]:
     for name in size.drives:
         yield "drives", name, partial(drive_rows, name, DRIVES[name], size.few, size.drive_steps)
     yield "returns", "returns in particles", partial(maps.return_rows, size.particle, size.rounds)
-    for count in size.stored_landmarks:
-        yield "maps", "maps of particles", partial(_row, maps.map_row, "lazy", count)
+    yield "maps", "maps of particles", partial(maps.map_rows, [("lazy", count) for count in size.stored_landmarks])
 
 
 def _decisions(size: Size) -> Iterator[Job]:
