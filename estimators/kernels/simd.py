@@ -79,21 +79,26 @@ def _add_strip(builder, start, side, n, column, rows, vectors):
             builder.store(value, at, align=ALIGN)
 
 
-def vector_pointer(builder, pointer):
+def vector(size):
+    """The type of a vector of so many numbers."""
+    return ir.VectorType(_DOUBLE, size)
+
+
+def vector_pointer(builder, pointer, size=WIDTH):
     """The pointer to a number as one to a vector."""
-    return builder.bitcast(pointer, VECTOR.as_pointer())
+    return builder.bitcast(pointer, vector(size).as_pointer())
 
 
-def load(builder, pointer):
+def load(builder, pointer, size=WIDTH):
     """The vector that begins there."""
-    return builder.load(vector_pointer(builder, pointer), align=ALIGN)
+    return builder.load(vector_pointer(builder, pointer, size), align=ALIGN)
 
 
-def splat(builder, scalar):
+def splat(builder, scalar, size=WIDTH):
     """The same number in every place of a vector."""
-    one = builder.insert_element(ir.Constant(VECTOR, ir.Undefined), scalar, ir.IntType(32)(0))
-    places = ir.Constant(ir.VectorType(ir.IntType(32), WIDTH), None)
-    return builder.shuffle_vector(one, ir.Constant(VECTOR, ir.Undefined), places)
+    nothing = ir.Constant(vector(size), ir.Undefined)
+    one = builder.insert_element(nothing, scalar, ir.IntType(32)(0))
+    return builder.shuffle_vector(one, nothing, ir.Constant(ir.VectorType(ir.IntType(32), size), None))
 
 
 PANEL = 64  # columns worked on together: their part of W stays in the first cache, and P comes by whole cache lines
@@ -117,27 +122,22 @@ def _subtract_rows(typingctx, P, lane, n, W, minus, plus):
         side, width = builder.extract_value(p_array.shape, 2), builder.extract_value(w_array.shape, 1)
         start = builder.gep(p_array.data, [builder.mul(lane_value, builder.mul(side, side))])
         ends = [(INDEX(0), minus_value, True), (minus_value, builder.add(minus_value, plus_value), False)]
-        tile = [cgutils.alloca_once(builder, VECTOR) for _ in range(TILE)]
+        tile = _Tile(builder, start, side, w_array.data, width, ends)
         with cgutils.for_range_slice(builder, INDEX(0), n_value, INDEX(PANEL), INDEX) as (panel, _):
             right = builder.add(panel, INDEX(PANEL))
             with cgutils.for_range_slice(builder, panel, n_value, INDEX(TILE), INDEX) as (row, _):
-                diagonal = builder.add(builder.and_(row, INDEX(-WIDTH)), INDEX(WIDTH))
-                end = builder.select(builder.icmp_signed("<", diagonal, right), diagonal, right)
+                diagonal = builder.and_(row, INDEX(-WIDTH))
+                within = builder.icmp_signed("<", diagonal, right)
+                end = builder.select(within, diagonal, right)
                 with cgutils.for_range_slice(builder, panel, end, INDEX(WIDTH), INDEX) as (column, _):
-                    lines = [builder.mul(builder.add(row, INDEX(i)), side) for i in range(TILE)]
-                    places = [
-                        vector_pointer(builder, builder.gep(start, [builder.add(line, column)])) for line in lines
-                    ]
-                    for one, place in zip(tile, places, strict=True):
-                        builder.store(builder.load(place, align=ALIGN), one)
-                    for first, last, negative in ends:
-                        _add_products(builder, tile, w_array.data, width, row, column, first, last, negative)
-                    values = [builder.load(one) for one in tile]
-                    for value, place in zip(values, places, strict=True):
-                        builder.store(value, place, align=ALIGN)
-                    below = builder.icmp_signed(">=", row, builder.add(column, INDEX(WIDTH)))
-                    with builder.if_then(below):
-                        _store_transposed(builder, values, start, side, row, column)
+                    tile.subtract(row, column, WIDTH, mirrored=WIDTH)
+                with builder.if_then(within):
+                    upper = builder.icmp_signed("==", row, diagonal)
+                    with builder.if_else(upper) as (then, otherwise):
+                        with then:
+                            tile.subtract(row, diagonal, TILE, mirrored=0)
+                        with otherwise:
+                            tile.subtract(row, diagonal, WIDTH, mirrored=TILE)
         return context.get_dummy_value()
 
     return signature, codegen
@@ -146,25 +146,52 @@ def _subtract_rows(typingctx, P, lane, n, W, minus, plus):
 subtract_rows: Any = intrinsic(_subtract_rows)
 
 
-def _add_products(builder, tile, rows, width, row, column, first, last, negative):
-    """tile[i] -= or += W[k, row + i] W[k, column ...] over the rows k of W from `first` to `last`."""
-    with cgutils.for_range_slice(builder, first, last, INDEX(1), INDEX) as (k, _):
-        line = builder.gep(rows, [builder.mul(k, width)])
-        across = load(builder, builder.gep(line, [column]))
-        if negative:
-            across = builder.fneg(across)
-        for i, one in enumerate(tile):
-            factor = splat(builder, builder.load(builder.gep(line, [builder.add(row, INDEX(i))])))
-            product = builder.fmul(factor, across, flags=FUSE)
-            builder.store(builder.fadd(builder.load(one), product, flags=FUSE), one)
+class _Tile:
+    """`TILE` rows of P, some columns wide, that lose and gain products of the rows of W: kept in registers meanwhile.
 
+    ends: (first, end, whether they are taken off) of the runs of rows of W.
+    """
 
-def _store_transposed(builder, values, start, side, row, column):
-    """The tile's mirror image: column q of the tile becomes `TILE` numbers of P's row column + q."""
-    kind, places = ir.VectorType(_DOUBLE, TILE), ir.IntType(32)
-    for q in range(WIDTH):
-        line: Any = ir.Constant(kind, ir.Undefined)
-        for i, value in enumerate(values):
-            line = builder.insert_element(line, builder.extract_element(value, places(q)), places(i))
-        place = builder.gep(start, [builder.add(builder.mul(builder.add(column, INDEX(q)), side), row)])
-        builder.store(line, builder.bitcast(place, kind.as_pointer()), align=ALIGN)
+    def __init__(self, builder: Any, start: Any, side: Any, rows: Any, width: Any, ends: Any) -> None:
+        self.builder, self.start, self.side, self.rows, self.width, self.ends = builder, start, side, rows, width, ends
+        self.kept = {size: [cgutils.alloca_once(builder, vector(size)) for _ in range(TILE)] for size in (TILE, WIDTH)}
+
+    def subtract(self, row: Any, column: Any, size: int, mirrored: int) -> None:
+        """The tile at (row, column), `size` columns wide, the first `mirrored` of which are written to P's rows too."""
+        builder, kept = self.builder, self.kept[size]
+        places = [vector_pointer(builder, self._place(row, i, column), size) for i in range(TILE)]
+        for one, place in zip(kept, places, strict=True):
+            builder.store(builder.load(place, align=ALIGN), one)
+        for first, end, negative in self.ends:
+            self._add_products(kept, row, column, size, first, end, negative)
+        values = [builder.load(one) for one in kept]
+        for value, place in zip(values, places, strict=True):
+            builder.store(value, place, align=ALIGN)
+        self._store_transposed(values, row, column, mirrored)
+
+    def _place(self, row: Any, after: int, column: Any) -> Any:
+        builder = self.builder
+        line = builder.mul(builder.add(row, INDEX(after)), self.side)
+        return builder.gep(self.start, [builder.add(line, column)])
+
+    def _add_products(self, kept: Any, row: Any, column: Any, size: int, first: Any, end: Any, negative: bool) -> None:
+        """kept[i] -= or += W[k, row + i] W[k, column ...] over the rows k of W from `first` to `end`."""
+        builder = self.builder
+        with cgutils.for_range_slice(builder, first, end, INDEX(1), INDEX) as (k, _):
+            line = builder.gep(self.rows, [builder.mul(k, self.width)])
+            across = load(builder, builder.gep(line, [column]), size)
+            if negative:
+                across = builder.fneg(across)
+            for i, one in enumerate(kept):
+                factor = splat(builder, builder.load(builder.gep(line, [builder.add(row, INDEX(i))])), size)
+                product = builder.fmul(factor, across, flags=FUSE)
+                builder.store(builder.fadd(builder.load(one), product, flags=FUSE), one)
+
+    def _store_transposed(self, values: Any, row: Any, column: Any, count: int) -> None:
+        """The tile's mirror image: column q of the tile becomes `TILE` numbers of P's row column + q."""
+        builder, places = self.builder, ir.IntType(32)
+        for q in range(count):
+            line: Any = ir.Constant(vector(TILE), ir.Undefined)
+            for i, value in enumerate(values):
+                line = builder.insert_element(line, builder.extract_element(value, places(q)), places(i))
+            builder.store(line, vector_pointer(builder, self._place(column, q, row), TILE), align=ALIGN)
