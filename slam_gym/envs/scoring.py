@@ -1,6 +1,7 @@
 """What is said of each lane after a step: reward terms, numbers and flags of info, ends of episodes."""
 
 import math
+import struct
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
@@ -32,7 +33,10 @@ NUMBERS = (
 )  # fmt: skip
 """Info's numbers, in the order of `Scorer.values`; undefined ones (NaN) are left out of info."""
 FLAGS = ("target_seen", "target_visible", "target_lost", "in_collision", "outside", "captured", "is_success")
-_INFO = dict.fromkeys((*NUMBERS, *FLAGS))
+_SAID = (*NUMBERS, *FLAGS)
+_RECORD = struct.Struct(f"{1 + len(NUMBERS)}d{len(FLAGS) + 3}?")
+"""A lane's reward, numbers, flags; whether it has terminated, was truncated, and has all its numbers."""
+_TERMINATED, _TRUNCATED, _WHOLE = -3, -2, -1
 
 _ROBOT_ERROR, _TARGET_ERROR, _TARGET_ERROR_REL, _LANDMARK_COUNT = (
     (METRIC.names or ()).index(name) for name in ("robot_error", "target_error", "target_error_rel", "landmark_count")
@@ -128,8 +132,9 @@ class Scorer:
         action: [L, 2] where the actions taken stand.
 
     Attributes:
-        values: [NUMBERS, L], NaN where undefined; defined: [NUMBERS, L], whole: [L] all of them. flags: [FLAGS, L].
-        reward: [L]. terminated, truncated: [L].
+        record: the memory of the next ones, one after the other.
+        reward: [L]. values: [NUMBERS, L], NaN where undefined. flags: [FLAGS, L]. ended: [2, L] terminated, truncated.
+        whole: [L] all numbers are defined. defined: [NUMBERS, L].
         before: [L, 3] landmarks in the map and collisions at the last call; 1 where an episode has just begun.
         bound: measures and scores the lanes that it is given, from a fresh belief.
         scratch: arrays that it writes and nobody reads.
@@ -146,13 +151,14 @@ class Scorer:
     ) -> None:
         L = simulation.num_lanes
         self.simulation, self.weights, self.border = simulation, weights, border
-        self.values: Floats = np.full((len(NUMBERS), L), np.nan)
+        self.record: NDArray[np.uint8] = np.zeros(_RECORD.size * L, dtype=np.uint8)
+        size = 8 * L * (1 + len(NUMBERS))
+        numbers: Floats = self.record[:size].view(np.float64).reshape(-1, L)
+        bits: Bools = self.record[size:].view(np.bool_).reshape(-1, L)
+        self.reward, self.values = numbers[0], numbers[1:]
+        self.flags, self.ended, self.whole = bits[: len(FLAGS)], bits[len(FLAGS) : -1], bits[-1]
         self.defined: Bools = np.zeros((len(NUMBERS), L), dtype=np.bool_)
-        self.whole: Bools = np.zeros(L, dtype=np.bool_)
-        self.flags: Bools = np.zeros((len(FLAGS), L), dtype=np.bool_)
-        self.reward: Floats = np.zeros(L)
-        self.ended: Bools = np.zeros((2, L), dtype=np.bool_)
-        self.terminated, self.truncated = self.ended
+        self.values.fill(np.nan)
         self.before: Floats = np.zeros((L, 3))
         capture = -1.0 if ending.terminate_on_capture is None else ending.terminate_on_capture
         self.settings: Floats = np.array([
@@ -189,28 +195,28 @@ class Scorer:
         self.whole[...] = self.defined.all(axis=0)
 
 
-class LaneInfo:
-    """Info of one lane, anew at each call: its numbers and flags without those undefined, true pose and target.
+class LaneScore:
+    """What is said of one lane alone after a step, as Python's own objects: made anew at each call.
 
-    Holds views of the lane's own numbers: to take one costs more than to read it.
+    Info holds numbers and flags without those undefined, true pose and target.
     """
 
-    def __init__(self, scorer: Scorer, lane: int = 0) -> None:
+    def __init__(self, scorer: Scorer) -> None:
         world = scorer.simulation.world
-        self._values, self._flags = scorer.values[:, lane], scorer.flags[:, lane]
-        self._whole = scorer.whole[lane : lane + 1]
-        self._pose, self._target = world.pose[lane], world.target[lane] if world.has_target else None
+        self._record = scorer.record.data
+        self._pose, self._target = world.pose[0], world.target[0] if world.has_target else None
+        self._info: dict[str, Any] = dict.fromkeys((*_SAID, "robot_pose"))
 
-    def __call__(self) -> dict[str, Any]:
-        """A dictionary of the caller's own."""
-        numbers = zip(NUMBERS, self._values.tolist(), strict=True)
-        if self._whole[0]:
-            info: dict[str, Any] = _INFO.copy()  # its table is large enough: half the time of one that grows
-            info.update(numbers)
-        else:
-            info = {name: value for name, value in numbers if value == value}
-        info.update(zip(FLAGS, self._flags.tolist(), strict=True))
+    def __call__(self) -> tuple[float, bool, bool, dict[str, Any]]:
+        """Reward, terminated, truncated, info."""
+        said = _RECORD.unpack(self._record)
+        info = self._info.copy()  # its table is large enough: half the time of one that grows
+        info.update(zip(_SAID, said[1:], strict=False))
         info["robot_pose"] = self._pose.copy()
         if self._target is not None:
             info["target_state"] = self._target.copy()
-        return info
+        if not said[_WHOLE]:
+            for name in NUMBERS:
+                if info[name] != info[name]:
+                    del info[name]
+        return said[0], said[_TERMINATED], said[_TRUNCATED], info

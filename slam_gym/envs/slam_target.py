@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from estimators.interface import Belief
 from slam_gym import observation, reward
 from slam_gym.envs.lanes import SEED_LIMIT, Lanes
-from slam_gym.envs.scoring import LaneInfo
+from slam_gym.envs.scoring import LaneScore
 from slam_gym.scenario import Scenario
 
 RENDER_MODES = ["human", "rgb_array"]
@@ -159,7 +159,7 @@ class SlamTargetEnv(gym.Env[Any, NDArray[np.float32]]):
         self.observation_space = self.lanes.observer.space(observation)
         self.action_space = gym.spaces.Box(-1.0, 1.0, (2,), dtype=np.float32)
         self._flat = observation == "box"
-        self._info = LaneInfo(self.lanes.scorer)
+        self._score = LaneScore(self.lanes.scorer)
         self._action, self._row = self.lanes.action[0], self.lanes.observer.out[0]  # the one lane's
         self._seeded = False
         self._renderer: Any = None
@@ -184,7 +184,7 @@ class SlamTargetEnv(gym.Env[Any, NDArray[np.float32]]):
         self._seeded = True
         if self.render_mode == "human":
             self.render()
-        return self._observe(), self._info()
+        return self._observe(), self._score()[-1]
 
     def step(self, action: NDArray[np.float32]) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
         """Carry out one action; see the class.
@@ -195,16 +195,13 @@ class SlamTargetEnv(gym.Env[Any, NDArray[np.float32]]):
         """
         if not self._seeded:
             raise gym.error.ResetNeeded("call reset() before step()")
-        if np.shape(action) != (2,):
+        if getattr(action, "shape", None) != (2,) and np.shape(action) != (2,):  # the first is the faster to ask
             raise ValueError(f"the action must have shape (2,); got {np.shape(action)}")
         self._action[:] = action
         self.lanes.step()
         if self.render_mode == "human":
             self.render()
-        scorer = self.lanes.scorer
-        return (
-            self._observe(), scorer.reward.item(0), scorer.terminated.item(0), scorer.truncated.item(0), self._info(),
-        )  # fmt: skip
+        return self._observe(), *self._score()
 
     def _observe(self) -> Observation:
         return self._row.copy() if self._flat else self.lanes.observer.split(self._row)
