@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from slam_gym import policies
+from slam_gym.first_use import FirstUse
 from slam_gym.policy_view import PolicyView
 from slam_gym.scenario import Scenario
 from slam_gym.simulation import Simulation
@@ -50,7 +51,9 @@ class Episode:
             raise ValueError("an episode needs at least one estimator, for example 'ekf'")
         self.scenario, self.driver = scenario, 0
         self.names = [spec.label for spec in specs]
-        self.simulation = Simulation(scenario, [(s.name, s.options) for s in specs], num_lanes=1, allow_truth=True)
+        with FirstUse(scenario, specs[0]) as first_use:
+            self.simulation = Simulation(scenario, [(s.name, s.options) for s in specs], num_lanes=1, allow_truth=True)
+            first_use.wait()
         self.context = policies.PolicyContext.from_scenario(scenario)
         chosen = policies.parse(policy or (scenario.policy.name, scenario.policy.options))
         self.policy_name = chosen.label

@@ -115,6 +115,7 @@ class World:
         self._arguments = (self.numbers, self._blocks.floats, self._blocks.integers, self._blocks.flags)
         self._command: Floats = np.zeros((L, 2))
         self._step = self.bound_step(self._command)
+        self._place = bind(begin, LATER, *self._arguments, self._points)
         self.crew = Crew(self.threads)
 
     def reset(self, seeds: ArrayLike, lanes: Ints | None = None, options: Mapping[str, Any] | None = None) -> None:
@@ -154,7 +155,7 @@ class World:
         for name in kept:
             self._blocks.views[name][lanes] = 0
         ranges.draw(self.numbers, lanes, self.key, self.episode)
-        begin(lanes, *self._arguments, self._points)
+        self._place(np.ascontiguousarray(lanes, dtype=np.int64))
         self._start_cov(lanes)
 
     def _start_cov(self, lanes: Ints) -> None:

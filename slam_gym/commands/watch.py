@@ -48,8 +48,8 @@ class Watch:
 
         check_display()
         scenario = Scenario.load(self.scenario, **parse_settings(self.set))
-        episode = Episode(scenario, self.estimators, policy=self.policy, seed=self.seed, cloud_points=CLOUD_POINTS)
         print("Loading (the first time compiles: up to a minute for each estimator) ...", flush=True)
+        episode = Episode(scenario, self.estimators, policy=self.policy, seed=self.seed, cloud_points=CLOUD_POINTS)
         episode.warm_up()
         renderer = Renderer("human", self.size, title=f"slam-gym: {scenario.name}", fps=FPS)
         viewer = Viewer(episode, renderer, self.folder)

@@ -12,10 +12,12 @@ from estimators.registry import unknown_name
 from slam_gym import reward
 from slam_gym.actions import ActionMap, not_finite
 from slam_gym.envs.scoring import Ending, Scorer
+from slam_gym.first_use import FirstUse
 from slam_gym.observation import Observer
 from slam_gym.observation_cloud import CloudObserver
 from slam_gym.scenario import Scenario
 from slam_gym.simulation import Simulation
+from slam_gym.specs import Spec
 from slam_gym.threads import Shared
 
 Floats = NDArray[np.float64]
@@ -81,16 +83,18 @@ class Lanes:
         self.action_map = ActionMap(self.scenario, action)
         kind = CloudObserver if target_cloud else Observer
         self.observer = kind(self.scenario, num_lanes, nearest_landmarks, sectors)
-        self.simulation = Simulation(self.scenario, [(estimator, options)], num_lanes, threads, allow_truth=allow_truth)
-        if target_cloud:
-            self.simulation.attach_cloud(target_cloud)
         self.max_steps, self.hold = int(self.scenario.max_steps), int(self.scenario.hold)
         self.action: Floats = np.zeros((num_lanes, 2))
         self._command: Floats = np.zeros((num_lanes, 2))
         self._all = np.arange(num_lanes)
-        border = self.observer.border
-        self.scorer = Scorer(self.scenario, self.simulation, weights, ending, border, self.action)
-        self._bind()
+        chosen = estimator, options
+        with FirstUse(self.scenario, Spec.parse(chosen)) as first_use:
+            self.simulation = Simulation(self.scenario, [chosen], num_lanes, threads, allow_truth=allow_truth)
+            if target_cloud:
+                self.simulation.attach_cloud(target_cloud)
+            border = self.observer.border
+            self.scorer = Scorer(self.scenario, self.simulation, weights, ending, border, self.action)
+            self._bind(first_use)
 
     def reset(self, seeds: Ints | None, lanes: Ints | None = None, options: Mapping[str, Any] | None = None) -> None:
         """Begin an episode in the named lanes (None: all), and score them; seeds None: the next of the same seeds."""
@@ -121,17 +125,19 @@ class Lanes:
                 self._advance(going)
         self._look(chosen)
 
-    def _bind(self) -> None:
+    def _bind(self, first_use: FirstUse) -> None:
         """Compiled calls for all that happens between action and belief, and between belief and observation.
 
         `_whole`: both, where one action is one simulation step with its sweep. `_move` and `_take`: where the sweep may
         have to wait. None of them: where the estimator has no kernels to be called, or somebody has to look on.
         """
-        simulation, bound = self.simulation, self.simulation.bound_calls()
-        world, self._belief = simulation.world, simulation.estimators[0].belief
+        simulation, world = self.simulation, self.simulation.world
+        self._belief = simulation.estimators[0].belief
         self._command_of = self.action_map.bound(self.action, self._command)
         watch = chain(self.observer.bound(self._belief, world), self.scorer.bound)
         scratch = self.observer.scratch + self.scorer.scratch
+        first_use.wait()
+        bound = simulation.bound_calls()
         self._whole: Callable[[Ints], bool] | None = None
         self._move: Callable[[Ints], bool] | None = None
         self._take: Callable[[Ints], bool] | None = None
