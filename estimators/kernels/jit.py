@@ -143,7 +143,7 @@ def jit(function: Callable[..., Any], /, **options: Any) -> Any:
 def subroutine(function: Callable[..., Any], /, **options: Any) -> Any:
     """Compile a function that kernels call, and Python only in tests; see `estimators.kernels.subroutines`."""
     function.__slam_gym_kernel__ = True  # type: ignore[attr-defined]
-    return on_disk(Subroutine(function, targetoptions={**OPTIONS, **options}))
+    return Subroutine(function, targetoptions={**OPTIONS, **options})
 
 
 def disjoint(function: Callable[..., Any], /) -> Any:

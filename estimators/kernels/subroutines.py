@@ -36,6 +36,15 @@ class Subroutine(CPUDispatcher):  # type: ignore[misc, unused-ignore]
         options = {**_NJIT, "no_cpython_wrapper": True, **(targetoptions or {})}
         super().__init__(py_func, locals or {}, options, pipeline_class)
 
+    _kept = False  # on disk, where that can be
+
+    def compile(self, sig: Any) -> Any:
+        """Numba's. Only now is there a place on disk to be found: a kernel read from there never asks its parts."""
+        if not self._kept:
+            self._kept = True
+            on_disk(self)
+        return super().compile(sig)
+
     def get_call_template(self, args: Any, kws: Any) -> Any:
         """Numba's; a constant argument is a number like any other, not a reason to compile the function once more."""
         return super().get_call_template(tuple(map(unliteral, args)), {k: unliteral(v) for k, v in kws.items()})
