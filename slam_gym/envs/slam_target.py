@@ -249,9 +249,12 @@ class SlamTargetEnv(gym.Env[Any, NDArray[np.float32]]):
 
 
 def _page(text: str) -> str:
-    """The class's page with the tables of observation and reward in their places."""
+    """The class's page with the tables of observation and reward in their places, as far in as what is around them."""
     for mark, module in (("OBSERVATION_TABLE", observation), ("REWARD_TABLE", reward)):
-        text = text.replace(f"    {mark}", textwrap.indent((module.__doc__ or "").strip(), "    "))
+        before, after = text.split(mark)
+        indent = before[before.rindex("\n") + 1 :]  # none from Python 3.13 on, which takes it off docstrings
+        table = textwrap.indent((module.__doc__ or "").strip(), indent)
+        text = f"{before.removesuffix(indent)}{table}{after}"
     return text
 
 

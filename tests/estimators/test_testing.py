@@ -300,7 +300,7 @@ BROKEN = [
     (TwistUnknown, "twist_target", "only constant velocity"),
     (KnowsTheTargetTooSoon, "target_seen_late", "before the first sighting"),
     (KeepsTimeElsewhere, "state_round_trip", "get_state"),
-    (CannotBePickled, "pickling", "pickle"),
+    (CannotBePickled, "pickling", "lambda"),
     (KeepsCounting, "reset_forgets", "zero after reset"),
     (DrawsFromTheClock, "repeatable", "same seeds"),
     (LastReturnOnly, "order_of_returns", "order"),
