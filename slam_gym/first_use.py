@@ -37,7 +37,7 @@ class FirstUse:
     def __init__(self, scenario: Scenario, spec: Spec) -> None:
         self._process: subprocess.Popen[bytes] | None = None
         self._mark = mark_of(scenario, spec)
-        if self._mark.is_file() or not is_writable(self._mark.parent):
+        if self._mark is None or self._mark.is_file() or not is_writable(self._mark.parent):
             return
         _tell(f"slam-gym: compiling {spec.name!r} for this machine, once (`slam-gym warmup` compiles ahead) ...")
         # A child of a process pool has siblings that compile beside it; a class of a script's own is known here alone.
@@ -58,14 +58,21 @@ class FirstUse:
         if self._process is not None:
             self._process.kill()
             self._process.wait()
-        if kind is None:
+        if kind is None and self._mark is not None:
             with suppress(OSError):
                 self._mark.touch()
 
 
-def mark_of(scenario: Scenario, spec: Spec) -> Path:
-    """The file that tells of an earlier use of this estimator, with its sources and association as they are now."""
-    stamp = source_stamp(Path(inspect.getfile(registry.get(spec.name))))
+def mark_of(scenario: Scenario, spec: Spec) -> Path | None:
+    """The file that tells of an earlier use of this estimator, with its sources and association as they are now.
+
+    None where there are no sources to tell them by: a class of a notebook or of the prompt, or of compiled code.
+    """
+    chosen = registry.get(spec.name)
+    try:
+        stamp = source_stamp(Path(inspect.getfile(chosen)))
+    except (OSError, TypeError, UnicodeDecodeError):
+        return None
     association = spec.options.get("association", scenario.landmarks.labelled)  # has kernels of its own
     return cache_root() / "used" / f"{spec.name}-{stamp}-{zlib.crc32(repr(association).encode()):08x}"
 

@@ -72,6 +72,16 @@ def test_a_use_that_failed_was_none(started):
     assert started == ["ekf", "ekf"]
 
 
+@pytest.mark.parametrize("module", ["__main__", "builtins"])
+def test_a_class_without_a_source_file_is_used_all_the_same(started, monkeypatch, module):
+    """One that was typed into a notebook or at the prompt."""
+    typed = type("Typed", (registry.get("dead-reckoning"),), {"__module__": module})
+    monkeypatch.delattr(sys.modules["__main__"], "__file__", raising=False)
+    monkeypatch.setitem(registry._registered, "typed", typed)
+    use(Spec.parse("typed"))
+    assert started == []
+
+
 def test_where_nothing_can_be_kept_nobody_is_asked(started, monkeypatch):
     monkeypatch.setattr(first_use, "is_writable", lambda folder: False)
     use()
