@@ -125,11 +125,14 @@ class Meter:
         belief: Belief,
         world_pose: Floats,
         world_target: Floats | None,
-        world_landmarks: Floats | None,
-        landmark_count: Ints | None,
+        world_landmarks: Floats,
+        landmark_count: Ints,
         target_heading: Floats,
     ) -> Bound:
-        """`measure` of ever the same arrays with labels, for the lanes to be given; the belief must be fresh."""
+        """`measure` of ever the same arrays with labels, for the lanes to be given; the belief must be fresh.
+
+        Without labels a `landmark_count` of none leaves the map's size.
+        """
         if belief.target_names != self._names:
             self._learn(belief.target_names)
         core = bind(
@@ -137,8 +140,6 @@ class Meter:
             self._no_target if world_target is None else world_target, target_heading,
             self._codes, self._truth, self._work, self.values,
         )  # fmt: skip
-        if world_landmarks is None:
-            return core
         marks = bind(
             measure_map, LATER, *_MAP(belief.buffers), belief.buffers["landmark_id"], world_landmarks, landmark_count,
             self.values,

@@ -76,7 +76,7 @@ def _score(
     """Fill the rows of the lanes [n].
 
     metrics [L, 13]; x, k, b: the world's blocks; action [L, 2]; before [L, 3]: landmarks mapped and collisions at the
-    last call, and whether the lane has just begun an episode, so that its reward's terms are undefined;
+    last call, and whether the lane has just begun an episode, which has no reward yet and cannot have ended;
     values [NUMBERS, L], whether they are `defined` [NUMBERS, L] and all of them `whole` [L], flags [FLAGS, L], paid
     [L], ended [2, L] (terminated, truncated): output.
     """
@@ -113,7 +113,7 @@ def _score(
         flags[0, lane], flags[1, lane], flags[2, lane] = seen, b[k[VISIBLE] + lane], lost
         flags[3, lane], flags[4, lane], flags[5, lane] = b[k[TOUCHING] + lane], outside, captured
         flags[6, lane] = captured or (error < settings[_SUCCESS] and not lost)
-        ended[0, lane] = captured or (outside and settings[_OUTSIDE] > 0.0)
+        ended[0, lane] = not started and (captured or (outside and settings[_OUTSIDE] > 0.0))
         ended[1, lane] = steps >= settings[_MAX_STEPS]
         whole[lane] = True
         for i in range(values.shape[0]):
@@ -166,11 +166,12 @@ class Scorer:
             ending.terminate_outside, ending.success_error,
         ])  # fmt: skip
         world = simulation.world
-        # A map without ids must be matched with the true one landmark by landmark: too slow for every step.
-        landmarks, count = (world.landmarks, world.landmark_count) if world.labelled else (None, None)
+        # A map without ids must be matched with the true one landmark by landmark: too slow for every step. It is
+        # counted all the same, against a true one of no landmarks.
+        count = world.landmark_count if world.labelled else np.zeros(L, dtype=np.int64)
         meter, target = simulation.meters[0], world.target if world.has_target else None
         belief = simulation.estimators[0].belief
-        measure = meter.bound(belief, world.pose, target, landmarks, count, world.target_heading)
+        measure = meter.bound(belief, world.pose, target, world.landmarks, count, world.target_heading)
         score = bind(
             _score, LATER, meter.record.view(np.float64).reshape(L, -1), world.floats, world.integers, world.flags,
             action, self.before, border, self.settings, weights, self.values, self.defined, self.whole, self.flags,

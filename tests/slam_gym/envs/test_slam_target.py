@@ -133,6 +133,16 @@ def test_a_bicycle_is_steered():
     assert info["robot_pose"][2] > 0.0 and "target_error" not in info and "target_distance" not in info
 
 
+def test_without_landmark_ids_the_reward_is_finite_and_the_map_is_counted():
+    env = make(scenario="open", scenario_options={"landmarks.labelled": False, **SHORT}, reward={"explore": 1.0})
+    rows = play(env, 10, seed=0)
+    assert all(np.isfinite(reward) for _, reward, _ in rows)
+    mapped = [info["landmark_count"] for *_, info in rows]
+    assert mapped[-1] == env.unwrapped.belief.landmark_mapped.sum() > 0
+    assert [info["reward_explore"] for *_, info in rows[1:]] == np.maximum(np.diff(mapped), 0.0).tolist()
+    assert all("landmark_error" not in info for *_, info in rows)
+
+
 def test_options_change_one_episode():
     env = make()
     _, info = env.reset(

@@ -49,6 +49,18 @@ def test_lanes_of_a_sparse_sensor_and_held_actions_are_single_environments():
     )
 
 
+@pytest.mark.parametrize("mode", list(AutoresetMode))
+def test_an_episode_that_begins_where_it_may_end_is_not_over_before_a_step(mode):
+    envs = make(2, mode, estimator="dead-reckoning", terminate_on_capture=100.0)
+    envs.reset(seed=0)
+    nothing = np.zeros((2, 2), dtype=np.float32)
+    assert envs.step(nothing)[2].all()
+    if mode == AutoresetMode.DISABLED:
+        envs.reset(options={"reset_mask": np.ones(2, dtype=np.bool_)})
+    over = envs.step(nothing)[2]
+    assert not over.any() if mode == AutoresetMode.NEXT_STEP else over.all()
+
+
 @pytest.mark.parametrize("lanes", [2, 7])
 def test_a_lane_does_not_depend_on_how_many_there_are(lanes):
     few, many = play(make(lanes), 20, seed=0), play(make(16), 0, seed=0)
