@@ -86,11 +86,13 @@ class Simulation:
         They know the arena where it holds the target.
 
         Raises:
-            ValueError: a scenario without a target, or an impossible number.
+            ValueError: a scenario without a target, an option that there is not, or an impossible number.
         """
         arena = self.scenario.arena
         known = {"arena": arena.size if arena.walls else None, **options}
-        self.clouds[index] = TargetCloud(self.estimators[index], num_points, **known)
+        self.clouds[index] = registry.build(
+            "class", "TargetCloud", TargetCloud, known, self.estimators[index], num_points
+        )
 
     def reset(
         self, seeds: ArrayLike | None, lanes: Ints | None = None, options: Mapping[str, Any] | None = None

@@ -100,9 +100,11 @@ class PursuitHunt(Follower):
             float(sensor.detection_probability),
         )  # fmt: skip
         self._set_commands()
+        self._pillars, self._near = np.zeros((0, 2)), np.zeros((0, 2))
         self._number = np.zeros(num_lanes, dtype=np.int64)  # [L] of the command that is driven
         self._age = np.zeros(num_lanes, dtype=np.int64)  # [L] decisions since it was chosen
-        self._allocate(int(segments) * int(looks), int(beam) * len(self._commands))
+        self._steps = int(segments) * int(looks)
+        self._allocate(self.needs_target_cloud)
 
     def _set_commands(self) -> None:
         context, commands = self.context, np.array(COMMANDS)
@@ -113,14 +115,14 @@ class PursuitHunt(Follower):
         self._pace = (float(speed), float(turn))
         self._commands = commands * self._pace
 
-    def _allocate(self, steps: int, plans: int) -> None:
-        points, beam = self.needs_target_cloud, self._beam
+    def _allocate(self, points: int) -> None:
+        """Scratch for a cloud of so many points."""
+        steps, beam, plans = self._steps, self._beam, self._beam * len(self._commands)
         self._ahead, self._rows = np.zeros((steps, points, 2)), np.zeros((steps, 2, points))
         self._scratch = (
             np.zeros((2, plans, 3)), np.zeros((2, plans, points)), np.zeros((2, plans)), np.zeros(plans),
             np.zeros((2, plans), dtype=np.int64), np.zeros(beam, dtype=np.int64), np.zeros(beam, dtype=np.int64),
         )  # fmt: skip
-        self._pillars, self._near = np.zeros((0, 2)), np.zeros((0, 2))
         self._in_view = (np.zeros(points, dtype=np.int64), np.zeros((4, points)))
 
     def reset(self, lanes: Ints, seeds: Ints) -> None:
@@ -141,7 +143,9 @@ class PursuitHunt(Follower):
 
     def _best(self, lane: int, belief: Belief) -> int:
         """Number of the command that the best plan begins with."""
-        mapped = belief.landmark_mapped[lane]
+        mapped, weights = belief.landmark_mapped[lane], belief.target_cloud[1][lane]
+        if len(weights) != self._ahead.shape[1]:
+            self._allocate(len(weights))
         if len(self._pillars) != len(mapped):
             self._pillars, self._near = np.zeros((len(mapped), 2)), np.zeros((len(mapped), 2))
         count = int(mapped.sum())
@@ -149,7 +153,7 @@ class PursuitHunt(Follower):
         belief.foresee_target(lane, self._look, self._ahead)
         self._rows[:] = self._ahead.transpose(0, 2, 1)
         return int(best_hunt(
-            belief.pose[lane], belief.target_cloud[1][lane], self._rows, self._look, self._pillars, count,
+            belief.pose[lane], weights, self._rows, self._look, self._pillars, count,
             self._commands, self._looks, self._beam, self._sensor, self._pace, self._settings, *self._scratch,
             self._near, *self._in_view,
         ))  # fmt: skip

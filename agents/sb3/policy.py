@@ -48,6 +48,7 @@ class Learned(Policy):
         shown = self.settings["observation"]
         self.observation_options = {"nearest": shown["nearest_landmarks"], "sectors": shown["sectors"]}
         self.needs_target_cloud = shown.get("target_cloud", 0)
+        self.target_cloud_options = dict(shown.get("target_cloud_options", {}))
         self.hold = max(1, round(self.settings["decision_dt"] / context.dt))
         self._calls: Ints = np.zeros(self.num_lanes, dtype=np.int64)
         self._action: Floats = np.zeros((self.num_lanes, 2))

@@ -42,6 +42,7 @@ def export_policy(
     nearest_landmarks: int = 8,
     sectors: int = 8,
     target_cloud: int = 0,
+    target_cloud_options: Mapping[str, Any] | None = None,
     training: Mapping[str, Any] | None = None,
 ) -> str:
     """Write a trained model's policy.
@@ -54,6 +55,7 @@ def export_policy(
         nearest_landmarks: K, landmarks in the observation.
         sectors: S, directions in the observation.
         target_cloud: points of the cloud in the observation; 0: none.
+        target_cloud_options: of that cloud, of JSON types.
         training: whatever should be known of how it came about, of JSON types.
 
     Returns:
@@ -80,6 +82,7 @@ def export_policy(
             "nearest_landmarks": nearest_landmarks,
             "sectors": sectors,
             "target_cloud": target_cloud,
+            "target_cloud_options": dict(target_cloud_options or {}),
         },
         "action": action,
         "decision_dt": decision_dt,

@@ -79,6 +79,8 @@ class Train:
     """Directions in the observation."""
     target_cloud: int = 0
     """Points that follow a lost target and are summarised in the observation, such as 256; 0: its Gaussian alone."""
+    target_cloud_options: tuple[str, ...] = ()
+    """Of that cloud (`estimators.TargetCloud`), such as evasive=true: it learns whether the target flees."""
     hyperparams: tuple[str, ...] = ()
     """Hyperparameters to change, such as gamma=0.99 learning_rate=lin_1e-3."""
     hyperparams_file: Path | None = None

@@ -129,7 +129,8 @@ def make_environment(
     return SlamTargetVectorEnv(
         lanes, scenario=scenario, estimator=estimator.name, estimator_options=estimator.options,
         action=settings.action, reward=parse_settings(settings.reward), nearest_landmarks=settings.nearest_landmarks,
-        sectors=settings.sectors, target_cloud=settings.target_cloud, autoreset_mode=autoreset_mode,
+        sectors=settings.sectors, target_cloud=settings.target_cloud,
+        target_cloud_options=parse_settings(settings.target_cloud_options), autoreset_mode=autoreset_mode,
     )  # fmt: skip
 
 
@@ -225,6 +226,7 @@ def _about(settings: "Train", scenario: Scenario, config: dict[str, Any]) -> dic
         "nearest_landmarks": settings.nearest_landmarks,
         "sectors": settings.sectors,
         "target_cloud": settings.target_cloud,
+        "target_cloud_options": parse_settings(settings.target_cloud_options),
         "training": config,
     }
 

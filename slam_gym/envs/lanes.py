@@ -68,6 +68,7 @@ class Lanes:
         success_error: float = 1.0,
         allow_truth: bool = False,
         target_cloud: int = 0,
+        target_cloud_options: Any = None,
         threads: int = 1,
     ) -> None:
         ending = Ending(terminate_on_capture, terminate_outside, success_error)
@@ -78,6 +79,9 @@ class Lanes:
             raise ValueError(f"estimator must be a name such as 'ekf'; got {estimator!r}")
         changes = _mapping("scenario_options", scenario_options, '{"sensor.max_range": 5.0}')
         options = _mapping("estimator_options", estimator_options, '{"gate": 16.0}')
+        cloud_options = _mapping("target_cloud_options", target_cloud_options, '{"evasive": True}')
+        if cloud_options and not target_cloud:
+            raise ValueError(f"target_cloud_options without a cloud: give target_cloud too; got {cloud_options}")
         self.scenario = _scenario(scenario, changes)
         self.num_lanes, self.observation = num_lanes, observation
         self.action_map = ActionMap(self.scenario, action)
@@ -91,7 +95,7 @@ class Lanes:
         with FirstUse(self.scenario, Spec.parse(chosen)) as first_use:
             self.simulation = Simulation(self.scenario, [chosen], num_lanes, threads, allow_truth=allow_truth)
             if target_cloud:
-                self.simulation.attach_cloud(target_cloud)
+                self.simulation.attach_cloud(target_cloud, **cloud_options)
             border = self.observer.border
             self.scorer = Scorer(self.scenario, self.simulation, weights, ending, border, self.action)
             self._bind(first_use)

@@ -121,6 +121,7 @@ class SlamTargetEnv(gym.Env[Any, NDArray[np.float32]]):
     | `success_error`        | 1.0          | [m] |
     | `allow_truth`          | `False`      | accept reference estimators that are handed the truth |
     | `target_cloud`         | 0            | points that follow a lost target; above 0 also a block `cloud` |
+    | `target_cloud_options` | `{}`         | of `estimators.TargetCloud`, `{"evasive": True}`: the target may flee |
     | `render_mode`          | `None`       | `"human"` (a window) or `"rgb_array"` |
 
     ## Version History
@@ -146,6 +147,7 @@ class SlamTargetEnv(gym.Env[Any, NDArray[np.float32]]):
         success_error: float = 1.0,
         allow_truth: bool = False,
         target_cloud: int = 0,
+        target_cloud_options: Mapping[str, Any] | None = None,
         render_mode: str | None = None,
     ) -> None:
         arguments = {name: value for name, value in locals().items() if name not in ("self", "__class__")}

@@ -63,8 +63,8 @@ class SlamTargetVectorEnv(VectorEnv[Any, Any, Any]):
     Args:
         num_envs: L.
         scenario, scenario_options, estimator, estimator_options, observation, action, reward, nearest_landmarks,
-            sectors, terminate_on_capture, terminate_outside, success_error, allow_truth, target_cloud: see
-            `SlamTargetEnv`.
+            sectors, terminate_on_capture, terminate_outside, success_error, allow_truth, target_cloud,
+            target_cloud_options: see `SlamTargetEnv`.
         render_mode: None or "rgb_array": `render` gives one picture per lane.
         autoreset_mode: see above.
         threads: how many share the lanes of a step, from some thirty on; any number gives the same bits. Particle
@@ -94,6 +94,7 @@ class SlamTargetVectorEnv(VectorEnv[Any, Any, Any]):
         success_error: float = 1.0,
         allow_truth: bool = False,
         target_cloud: int = 0,
+        target_cloud_options: Mapping[str, Any] | None = None,
         render_mode: str | None = None,
         autoreset_mode: str | AutoresetMode = "SameStep",
         threads: int = 1,

@@ -130,10 +130,12 @@ def write_policy():
         size = (CloudObserver if cloud else Observer)(Scenario.load("default"), 1).size
         layer = {"weight": rng.normal(0.0, 0.1, (2, size)), "bias": rng.normal(0.0, 0.3, 2)}
         content = to_bytes({f"policy.action_net.{name}": value.astype(np.float32) for name, value in layer.items()})
+        options = settings.get("target_cloud_options", {})
         told = {"scenario": "default", "estimator": "ekf", "set": [], "seed": seed, **settings}
         about = {
             "format": FORMAT, "algorithm": "PPO", "policy_kwargs": {"activation_fn": "Tanh"}, "action": "twist",
-            "observation": {"size": size, "nearest_landmarks": 8, "sectors": 8, "target_cloud": cloud},
+            "observation": {"size": size, "nearest_landmarks": 8, "sectors": 8, "target_cloud": cloud,
+                            "target_cloud_options": options},
             "decision_dt": 0.4,
             "normalisation": None, "sha256": hashlib.sha256(content).hexdigest(),
             "training": {"settings": told, "hyperparameters": {"gamma": 0.98}},

@@ -65,3 +65,32 @@ def test_a_lane_is_a_single_environment(driven):
     for step in range(STEPS):
         alone, *_ = env.step(np.array([0.6, 0.3 * (-1) ** step], dtype=np.float32))
     np.testing.assert_array_equal(alone, shown[2])
+
+
+def test_options_go_to_the_cloud():
+    """One that learns whether targets flee; where one does, other points than of one that does not ask."""
+    options = {"scenario": "evasive-hard", "scenario_options": {"hold": 4}, "target_cloud": N}
+    shown = []
+    for told in ({"evasive": True}, {}):
+        envs = gym.make_vec("SlamTarget-v0", num_envs=L, target_cloud_options=told, **options).unwrapped
+        envs.reset(seed=3)
+        for _ in range(STEPS):
+            rows, *_ = envs.step(np.full((L, 2), [1.0, 0.0], dtype=np.float32))
+        shown.append(envs.lanes.observer.split(rows))
+        assert envs.simulation.clouds[0].evasive is bool(told)
+    lost = shown[0]["target"][:, 1] == 0.0
+    assert np.abs(shown[0]["cloud"] - shown[1]["cloud"])[lost].max() > 0.01
+
+
+@pytest.mark.parametrize(
+    ("wrong", "message"),
+    [
+        ({"target_cloud": N, "target_cloud_options": {"evasiv": True}}, "'evasiv'. Did you mean 'evasive'"),
+        ({"target_cloud": N, "target_cloud_options": {"evasive": "yes"}}, "evasive must be true or false"),
+        ({"target_cloud_options": {"evasive": True}}, "give target_cloud too"),
+        ({"target_cloud": N, "target_cloud_options": "evasive"}, "must be a dictionary"),
+    ],
+)
+def test_options_that_there_are_not(wrong, message):
+    with pytest.raises(ValueError, match=message):
+        gym.make("SlamTarget-v0", **wrong)

@@ -135,11 +135,13 @@ def test_it_drives_as_in_its_environment(folder):
         np.testing.assert_allclose(episode.simulation.world.pose, env.simulation.world.pose, atol=1e-6)
 
 
-def test_it_is_shown_the_cloud_that_it_was_trained_with(write_policy, tmp_path):
+@pytest.mark.parametrize("options", [{}, {"evasive": True}], ids=["plain", "evasive"])
+def test_it_is_shown_the_cloud_that_it_was_trained_with(options, write_policy, tmp_path):
     """As the environment shows it: same points, same actions."""
-    path = write_policy(tmp_path / "cloudy", target_cloud=32)
+    cloud = {"target_cloud": 32, "target_cloud_options": options}
+    path = write_policy(tmp_path / "cloudy", **cloud)
     episode = Episode(Scenario.load("discovery", max_steps=40), ["ekf"], policy=path, seed=5)
-    env = gym.make("SlamTarget-v0", scenario="discovery", target_cloud=32, scenario_options={"hold": 4}).unwrapped
+    env = gym.make("SlamTarget-v0", scenario="discovery", scenario_options={"hold": 4}, **cloud).unwrapped
     shown, _ = env.reset(seed=5)
     network = load_policy(tmp_path / "cloudy")[1]
     for _ in range(10):
@@ -149,7 +151,9 @@ def test_it_is_shown_the_cloud_that_it_was_trained_with(write_policy, tmp_path):
             episode.step()
         shown, *_ = env.step(action[0])
     np.testing.assert_allclose(episode.simulation.world.pose, env.simulation.world.pose, atol=1e-6)
-    np.testing.assert_array_equal(episode.simulation.clouds[0].points()[0], env.simulation.clouds[0].points()[0])
+    clouds = [simulation.clouds[0] for simulation in (episode.simulation, env.simulation)]
+    np.testing.assert_array_equal(clouds[0].points()[0], clouds[1].points()[0])
+    assert [cloud.evasive for cloud in clouds] == [bool(options)] * 2
 
 
 def test_compare_drives_with_it(folder):

@@ -135,6 +135,15 @@ def test_a_taught_policy_begins_where_its_teacher_is(tmp_path):
     assert begun.rows[1]["return"] == pytest.approx(begun.rows[0]["return"], abs=2.0)  # the moments move a little
 
 
+def test_a_policy_is_shown_the_cloud_that_its_teacher_reads(tmp_path):
+    settings = replace(
+        TAUGHT, scenario="evasive", teacher="pursuit-hunt", teacher_decisions=160, target_cloud=16, steps=16,
+        target_cloud_options=("evasive=true",),
+    )  # fmt: skip
+    shown = read_settings(train(settings, tmp_path).out / "latest")["observation"]
+    assert shown["target_cloud_options"] == {"evasive": True}
+
+
 @pytest.mark.parametrize(
     ("wrong", "message"),
     [
