@@ -133,7 +133,12 @@ def _wanted(runs: int, shard: tuple[int, int], chunk: int | None) -> list[int]:
         raise ValueError(f"chunk must be at least 1; got {chunk}")
     if not 1 <= shard[0] <= shard[1]:
         raise ValueError(f"shard i/n needs 1 <= i <= n; got {shard[0]}/{shard[1]}")
-    return [run for run in range(runs) if run % shard[1] == shard[0] - 1]
+    wanted = [run for run in range(runs) if run % shard[1] == shard[0] - 1]
+    if not wanted:
+        raise ValueError(
+            f"shard {shard[0]}/{shard[1]} holds none of {runs} run(s); make at most as many shards as runs"
+        )
+    return wanted
 
 
 @contextmanager

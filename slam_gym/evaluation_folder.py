@@ -85,12 +85,23 @@ def finished_runs(folder: Path, combination: int) -> set[int]:
 
 
 def read_parts(files: Sequence[Path], estimator: int, keep: set[int]) -> Records:
-    """One estimator's records of the runs to keep, in order."""
+    """One estimator's records of the runs to keep, in order.
+
+    Raises:
+        ValueError: a run stands in two of the files; it would count twice.
+    """
     parts = []
     for path in files:
         with np.load(path) as arrays:
             parts.append(Records.from_arrays(arrays, str(estimator)))
-    return Records.join(parts).select(keep)
+    records = Records.join(parts)
+    twice = records.run[1:][np.diff(records.run) == 0]
+    if twice.size:
+        raise ValueError(
+            f"run {twice[0]} comes twice in {str(files[0].parent)!r}: have two comparisons worked in that folder at "
+            "once, or were parts copied into it? Remove one of the parts that hold it, then go on with --resume"
+        )
+    return records.select(keep)
 
 
 def ensure_folder(folder: Path) -> Path:

@@ -1,6 +1,7 @@
 import gc
 import json
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -84,6 +85,20 @@ def test_shards_merge_to_the_whole(whole, tmp_path):
         merge(parts[1:], tmp_path / "half")
     with pytest.raises(FileNotFoundError, match="holds no parts"):
         merge([tmp_path / "none"], tmp_path / "other")
+
+
+def test_a_shard_without_runs_is_refused(tmp_path):
+    with pytest.raises(ValueError, match=r"shard 3/3 holds none of 2 run\(s\)"):
+        small(runs=2, shard=(3, 3), out=tmp_path / "none")
+    assert not (tmp_path / "none").exists()
+
+
+def test_a_run_that_two_parts_hold_does_not_count_twice(whole, tmp_path):
+    shutil.copytree(whole.path, tmp_path / "out")
+    part = next((tmp_path / "out" / "parts" / "000").glob("*.npz"))
+    shutil.copy(part, part.with_name("000009.npz"))
+    with pytest.raises(ValueError, match=r"run 0 comes twice in .*000"):
+        small(out=tmp_path / "out", resume=True)
 
 
 def test_resuming_does_only_what_is_missing_and_may_add_runs(whole, tmp_path):
