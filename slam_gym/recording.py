@@ -37,6 +37,13 @@ def wrap(angle: Floats) -> Floats:
     return (angle + np.pi) % (2.0 * np.pi) - np.pi
 
 
+def _unwrapped(heading: Floats) -> Floats:
+    """Headings without jumps; those that were not recorded stay NaN and touch no other."""
+    found, there = heading.copy(), ~np.isnan(heading)
+    found[there] = np.unwrap(heading[there])
+    return found
+
+
 @dataclass(frozen=True, slots=True)
 class Track:
     """A recorded path.
@@ -52,7 +59,7 @@ class Track:
     def at(self, times: ArrayLike) -> Floats:
         """Poses [n, 3] at the times [n], headings along the shorter arc; NaN outside the track and in long gaps."""
         when = np.asarray(times, dtype=np.float64)
-        columns = (self.poses[:, 0], self.poses[:, 1], np.unwrap(self.poses[:, 2]))
+        columns = (self.poses[:, 0], self.poses[:, 1], _unwrapped(self.poses[:, 2]))
         found = np.stack([np.interp(when, self.times, column, np.nan, np.nan) for column in columns], axis=-1)
         found[:, 2] = wrap(found[:, 2])
         right = np.clip(np.searchsorted(self.times, when), 1, max(len(self.times) - 1, 1))

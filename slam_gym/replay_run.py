@@ -110,9 +110,10 @@ class Run:
         controls, ends = schedule.controls, schedule.times.tolist()
         last_seen = -np.inf
         for i in range(len(steps)):
-            begin = perf_counter()
-            estimator.predict(controls[i : i + 1], steps[i])
-            self._clock(0, begin)
+            if steps[i] > 0.0:
+                begin = perf_counter()
+                estimator.predict(controls[i : i + 1], steps[i])
+                self._clock(0, begin)
             if sweeps[i] != NONE and self._sweep(sweeps[i]):
                 last_seen = ends[i]
             k = samples[i]

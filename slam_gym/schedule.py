@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from slam_gym.recording import Recording
+from slam_gym.recording import Recording, Track
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -42,6 +42,8 @@ def make_schedule(
 ) -> Schedule:
     """Cut the span in which commands and the recorded truth overlap at every sweep and every sample.
 
+    A sweep right at the start ends a step of no length.
+
     Args:
         recording: what happened.
         command_delay: [s] from a command to its motion.
@@ -60,7 +62,7 @@ def make_schedule(
     sample_times = start + np.arange(1, int((end - start) * sample_rate + 1e-9) + 1) / sample_rate
     if recording.truth is not None:
         sample_times = sample_times[np.isfinite(recording.truth.at(sample_times)).all(axis=1)]
-    inside = np.flatnonzero((recording.sweep_times > start) & (recording.sweep_times <= end))
+    inside = np.flatnonzero((recording.sweep_times >= start) & (recording.sweep_times <= end))
     sweeps = recording.sweep_times[inside]
     events = np.unique(np.concatenate([sweeps, sample_times, [end]]))
     times = _cut(np.append(start, events), longest_step)
@@ -70,7 +72,7 @@ def make_schedule(
         start=start,
         times=times,
         dt=dt,
-        controls=moved / dt[:, None],
+        controls=np.divide(moved, dt[:, None], out=np.zeros_like(moved), where=dt[:, None] > 0.0),
         sweep=_mark(times, sweeps, inside),
         sample=_mark(times, sample_times, np.arange(len(sample_times))),
         sample_times=sample_times,
@@ -82,10 +84,17 @@ def _span(recording: Recording) -> tuple[float, float]:
     last_sweep = recording.sweep_times[-1] if len(recording.sweep_times) else -np.inf
     start, end = float(recording.command_times[0]), float(max(recording.command_times[-1], last_sweep))
     if recording.truth is not None:
-        start, end = max(start, float(recording.truth.times[0])), min(end, float(recording.truth.times[-1]))
+        start, end = _first_known(recording.truth, start), min(end, float(recording.truth.times[-1]))
     if not end > start:
         raise ValueError(f"{recording.name}: commands and recorded truth do not overlap in time; check their clocks")
     return start, end
+
+
+def _first_known(truth: Track, start: float) -> float:
+    """The first time from `start` on at which the truth is recorded; it may begin late or with a gap."""
+    times = np.append(max(start, truth.times[0]), truth.times[truth.times > start])
+    there = np.isfinite(truth.at(times)).all(axis=1)
+    return float(times[there.argmax()]) if there.any() else np.inf
 
 
 def _cut(events: Floats, longest: float) -> Floats:

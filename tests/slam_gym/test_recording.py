@@ -49,6 +49,11 @@ def test_headings_turn_through_the_shorter_arc():
     assert np.isnan(found[3]).all()
 
 
+def test_a_heading_that_was_not_recorded_touches_no_other():
+    track = Track(np.arange(4.0), np.array([[0.0, 0.0, 3.0], [0.0, 0.0, np.nan], [0.0, 0.0, -3.0], [0.0, 0.0, -2.0]]))
+    np.testing.assert_allclose(track.at([0.0, 1.0, 2.0, 2.5])[:, 2], [3.0, np.nan, -3.0, -2.5], atol=1e-12)
+
+
 def test_truth_is_not_interpolated_across_a_gap():
     track = Track(np.array([0.0, 0.5, 5.0, 5.5]), np.zeros((4, 3)))
     assert np.isnan(track.at([0.25, 2.0, 5.25])[:, 0]).tolist() == [False, True, False]

@@ -64,6 +64,23 @@ def test_steps_end_exactly_at_sweeps_and_samples():
     np.testing.assert_allclose(moved, np.array([0.5, 0.3]) * schedule.dt.sum(), rtol=1e-9)
 
 
+def test_a_sweep_right_at_the_start_is_taken():
+    first = [[0.0, label, math.hypot(x, y), math.atan2(y, x)] for label, x, y in LANDMARKS]
+    recording = circle(5.0, measurements=first)
+    schedule = make_schedule(recording)
+    assert schedule.sweep[0] == 0 and schedule.times[0] == schedule.start and np.isfinite(schedule.controls).all()
+    assert replay(recording, ["ekf"], MODELS).runs["landmark_count"].tolist() == [len(LANDMARKS)]
+
+
+def test_a_replay_begins_where_the_truth_does():
+    times = np.concatenate([[-5.0], np.arange(3.0, 20.0, 0.01)])
+    heading = 0.3 * np.maximum(times, 0.0)
+    path = np.column_stack([times, np.sin(heading) / 0.3 * 0.5, (1 - np.cos(heading)) / 0.3 * 0.5, heading])
+    recording = circle(truth=path)
+    assert make_schedule(recording).start == pytest.approx(3.01)
+    assert replay(recording, ["ekf"], MODELS).runs["robot_error_rmse"].max() < 0.2
+
+
 def test_delayed_commands_move_later():
     odometry = [[0.0, 0.0, 0.0], [1.0, 1.0, 0.0], [2.0, 0.0, 0.0], [5.0, 0.0, 0.0]]
     recording = circle(5.0, odometry=odometry)
