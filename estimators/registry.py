@@ -208,6 +208,9 @@ def unknown_name(kind: str, name: str, choices: list[str], otherwise: str = "") 
     listed = [part.strip() for part in name.split(",")]
     if len(listed) > 1 and all(part in choices for part in listed):
         return f"unknown {kind} {name!r}. Several names are written with spaces between them: {' '.join(listed)}"
+    head, colon, options = name.partition(":")
+    if colon and head in choices:
+        return f"unknown {kind} {name!r}: the name is {head!r}; its options ({options}) are an argument of their own"
     near = difflib.get_close_matches(name, choices, n=1, cutoff=0.5)
     hint = f" Did you mean {near[0]!r}?" if near else ""
     return f"unknown {kind} {name!r}.{hint} Choices: {', '.join(choices)}{'' if near else otherwise}"

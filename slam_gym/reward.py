@@ -26,6 +26,7 @@ from estimators.registry import unknown_name
 Floats = NDArray[np.float64]
 
 TERMS = ("track", "pursue", "explore", "localise", "effort", "collision")
+OF_THE_TARGET = ("track", "pursue")  # zero where there is none
 DEFAULT_WEIGHTS = {"track": 0.3, "pursue": 1.0, "explore": 0.0, "localise": 0.0, "effort": 0.0, "collision": 0.0}
 ERROR_CAP = 8.0  # [m]
 DISTANCE_PRICE = 0.03  # [1/m]

@@ -6,6 +6,7 @@ and only dict(...), literals and names of activations are understood. `lin_3e-4`
 
 import ast
 import inspect
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -18,6 +19,13 @@ ENVIRONMENT = "SlamTarget-v0"
 OURS = ("n_envs", "n_timesteps", "normalize", "policy")  # RL-Zoo's keys that are not the algorithm's
 TEXTS = ("policy_kwargs", "normalize")  # where RL-Zoo writes Python
 SCHEDULED = ("learning_rate", "clip_range", "clip_range_vf")
+NOT_WRITTEN = ("policy", "env", "seed", "_init_setup_model")  # arguments of an algorithm that the training gives itself
+COUNTS = ("n_steps", "batch_size", "n_epochs", "buffer_size")
+RANGES = {
+    "gamma": (0.0, 1.0), "gae_lambda": (0.0, 1.0), "tau": (0.0, 1.0), "learning_rate": (0.0, math.inf),
+    "clip_range": (0.0, math.inf), "clip_range_vf": (0.0, math.inf), "target_kl": (0.0, math.inf),
+    "max_grad_norm": (0.0, math.inf), "vf_coef": (0.0, math.inf), "ent_coef": (-math.inf, math.inf),
+}  # fmt: skip
 LINEAR = "lin_"
 ACTIVATIONS = {"tanh": "Tanh", "relu": "ReLU"}
 
@@ -57,16 +65,16 @@ class Hyperparameters:
         """What the algorithm's constructor is given beside policy and environment.
 
         Raises:
-            ValueError: an argument that the algorithm does not have.
+            ValueError: an argument that the algorithm does not have, or a number out of its range.
         """
-        known = [name for name in inspect.signature(algorithm).parameters if name not in ("policy", "env")]
+        known = [name for name in inspect.signature(algorithm).parameters if name not in NOT_WRITTEN]
         arguments = {}
         for name, value in self.values.items():
             if name in OURS:
                 continue
             if name not in known:
                 raise ValueError(f"{algorithm.__name__}: {unknown_name('hyperparameter', name, [*known, *OURS])}")
-            arguments[name] = _schedule(value) if name in SCHEDULED else value
+            arguments[name] = _argument(name, value)
         if "policy_kwargs" in arguments:
             arguments["policy_kwargs"] = _with_activation(arguments["policy_kwargs"])
         return arguments
@@ -137,17 +145,33 @@ def _with_activation(kwargs: Mapping[str, Any]) -> dict[str, Any]:
     return chosen
 
 
-def _schedule(value: Any) -> Any:
-    """A number, or a function of the share of the training that is left (1 to 0)."""
-    if not isinstance(value, str):
+def _argument(name: str, value: Any) -> Any:
+    """A value as the algorithm wants it; numbers are checked, which the algorithms themselves do not do."""
+    if value is None or (name == "ent_coef" and str(value).startswith("auto")):
         return value
+    if name in COUNTS:
+        return _count(name, value)
+    if name in SCHEDULED and isinstance(value, str):
+        return _schedule(name, value)
+    return _number(name, value) if name in RANGES else value
+
+
+def _number(name: str, value: Any) -> Any:
+    least, most = RANGES[name]
+    if isinstance(value, bool) or not isinstance(value, (int, float)) or not least <= value <= most:
+        limits = "" if least == -math.inf else f" of at least {least:g}" if most == math.inf else f" from 0 to {most:g}"
+        raise ValueError(f"{name} must be a number{limits}; got {value!r}")
+    return value
+
+
+def _schedule(name: str, text: str) -> Any:
+    """A number, or a function of the share of the training that is left (1 to 0)."""
     try:
-        start = float(value.removeprefix(LINEAR))
+        start = float(text.removeprefix(LINEAR))
     except ValueError:
-        raise ValueError(f"expected a number or {LINEAR}NUMBER, such as {LINEAR}3e-4; got {value!r}") from None
-    if not value.startswith(LINEAR):
-        return start
-    return lambda left: left * start
+        raise ValueError(f"{name}: expected a number or {LINEAR}NUMBER, such as {LINEAR}3e-4; got {text!r}") from None
+    _number(name, start)
+    return (lambda left: left * start) if text.startswith(LINEAR) else start
 
 
 def _count(name: str, value: Any) -> int:

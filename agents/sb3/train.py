@@ -103,15 +103,17 @@ class Train:
         from slam_gym.evaluation_backend import workers
         from slam_gym.results import file_stem
 
+        console = Console(stderr=True)
         try:
-            from agents.sb3.sweep import sweep
-            from agents.sb3.training import check_numbers, train
+            with console.status("loading torch and Stable-Baselines3"):
+                from agents.sb3.sweep import sweep
+                from agents.sb3.training import check_numbers, train
         except ImportError as error:
             raise ImportError(f"{MISSING} ({error})") from error
         check_numbers(self)
         parts = (self.algo, Path(self.scenario).stem, self.estimator, *([] if self.seeds else [self.seed]))
         out = self.out or Path("runs") / file_stem(*parts)
-        command, console = shlex.join(["slam-gym", *sys.argv[1:]]), Console(stderr=True)
+        command = shlex.join(["slam-gym", *sys.argv[1:]])
         try:
             with progress_bars(console, bool(self.seeds)) as report:
                 if self.seeds:

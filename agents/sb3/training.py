@@ -18,7 +18,7 @@ from agents.sb3.callbacks import CHECKPOINT, Milestones, Row
 from agents.sb3.hyperparameters import Hyperparameters
 from agents.sb3.imitation import CriticFirst, imitate
 from agents.sb3.vec_env import SlamTargetVecEnv
-from slam_gym import policies
+from slam_gym import policies, reward
 from slam_gym.envs.slam_target_vector import SlamTargetVectorEnv
 from slam_gym.evaluation import versions
 from slam_gym.evaluation_plan import run_seeds
@@ -74,6 +74,7 @@ def train(settings: "Train", out: Path, *, command: str = "", report: Report = l
     """
     torch.set_num_threads(settings.threads)
     scenario = load_scenario(settings)
+    check_reward(settings, scenario)
     chosen = read_hyperparameters(settings, scenario)
     config = describe(settings, chosen, command)
     saved = _check_folder(out, settings.resume, config)
@@ -109,6 +110,17 @@ def load_scenario(settings: "Train") -> Scenario:
     return scenario.replace("hold", hold)
 
 
+def check_reward(settings: "Train", scenario: Scenario) -> None:
+    """Raises ValueError where nothing that a policy does would be paid for."""
+    chosen = dict(zip(reward.TERMS, reward.weights(parse_settings(settings.reward)), strict=True))
+    has_target = scenario.target.kind != "none"
+    if not has_target:
+        chosen.update(dict.fromkeys(reward.OF_THE_TARGET, 0.0))
+    if not any(chosen.values()):
+        why = "with these weights" if has_target else f"{scenario.name!r} has no target, so with these weights"
+        raise ValueError(f"{why} every reward would be zero: give others, such as --reward localise=1 explore=1")
+
+
 def read_hyperparameters(settings: "Train", scenario: Scenario) -> Hyperparameters:
     """From the YAML file and the command line."""
     changes = parse_settings(settings.hyperparams)
@@ -135,14 +147,23 @@ def make_environment(
 
 
 def build(settings: "Train", scenario: Scenario, chosen: Hyperparameters) -> "BaseAlgorithm":
-    """The model on its environments, seeded: every lane's worlds are spawned from the seed, under a purpose."""
+    """The model on its environments, seeded: every lane's worlds are spawned from the seed, under a purpose.
+
+    Raises:
+        ValueError: what the algorithm does not accept.
+    """
     algorithm = ALGORITHMS[settings.algo]
     arguments = {"device": "cpu", **chosen.arguments(algorithm)}
+    if {"n_steps", "batch_size"} <= arguments.keys():  # a batch is never more than the rollout that it is drawn from
+        arguments["batch_size"] = min(arguments["batch_size"], arguments["n_steps"] * chosen.n_envs)
     adapter = SlamTargetVecEnv(make_environment(settings, scenario, chosen.n_envs))
     venv: VecEnv = VecMonitor(adapter)
     if chosen.normalise is not None:
         venv = VecNormalize(venv, **chosen.normalise)
-    model = algorithm("MlpPolicy", venv, seed=settings.seed, **arguments)
+    try:
+        model = algorithm("MlpPolicy", venv, seed=settings.seed, **arguments)
+    except (TypeError, AssertionError) as error:  # how Stable-Baselines3 says it
+        raise ValueError(f"{algorithm.__name__} does not accept these hyperparameters: {error}") from error
     adapter.seed_lanes(run_seeds(settings.seed, TRAINING_SEEDS, range(chosen.n_envs)).tolist())
     return model
 

@@ -10,6 +10,7 @@ import tyro
 
 SECTIONS = ("scenarios", "estimators", "policies", "environments")
 ENVIRONMENT = "SlamTarget-v0"
+VECTOR = "SlamTargetVectorEnv"
 
 
 @dataclass(frozen=True)
@@ -56,6 +57,7 @@ def entries(section: str) -> Iterator[tuple[str, str]]:
         yield from ((name, _line(policies.get, name)) for name in policies.names())
     else:
         yield ENVIRONMENT, 'gym.make("slam_gym:SlamTarget-v0", scenario=..., estimator=...)'
+        yield VECTOR, 'gym.make_vec("slam_gym:SlamTarget-v0", num_envs=..., scenario=..., estimator=...)'
 
 
 def _line(get: Callable[[str], Any], name: str) -> str:
@@ -99,8 +101,12 @@ def pages(name: str) -> list[str]:
         from slam_gym.envs.slam_target import SlamTargetEnv
 
         found.append(_class_page("environment", ENVIRONMENT, SlamTargetEnv))
+    if name.lower() == VECTOR.lower():
+        from slam_gym.envs.slam_target_vector import SlamTargetVectorEnv
+
+        found.append(_class_page("environment", VECTOR, SlamTargetVectorEnv))
     if not found:
-        names = [*scenario_names(), *registry.names(), *policies.names(), ENVIRONMENT, *SECTIONS]
+        names = [*scenario_names(), *registry.names(), *policies.names(), ENVIRONMENT, VECTOR, *SECTIONS]
         raise ValueError(registry.unknown_name("name", name, list(dict.fromkeys(names))))
     return found
 
@@ -123,11 +129,11 @@ def flat(nested: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, Any
 
 def _class_page(kind: str, name: str, cls: type) -> str:
     page = [f"{kind.capitalize()} {name}", "", inspect.getdoc(cls) or "", ""]
-    options = _options(cls)
+    options, maker = _options(cls), "make_vec" if name == VECTOR else "make"
     if options:
         example = ",".join(f"{key}={json.dumps(value)}" for key, value in list(options.items())[:1])
         page += ["Options and defaults:", *(f"  {key} = {value!r}" for key, value in options.items())]
-        page += [f"Written as {name}:{example}" if kind != "environment" else "Arguments of gym.make.", ""]
+        page += [f"Written as {name}:{example}" if kind != "environment" else f"Arguments of gym.{maker}.", ""]
     return "\n".join(page)
 
 

@@ -42,7 +42,8 @@ class SlamTargetEnv(gym.Env[Any, NDArray[np.float32]]):
     ```
 
     Where nothing is imported (subprocesses), use the id `"slam_gym:SlamTarget-v0"`. `gym.make_vec` gives the native
-    vector environment, `SlamTargetVectorEnv`: the same code with many lanes.
+    vector environment, the same code with many lanes, and takes `autoreset_mode` and `threads` besides: `slam-gym list
+    SlamTargetVectorEnv`.
 
     ## Action Space
 
@@ -57,7 +58,8 @@ class SlamTargetEnv(gym.Env[Any, NDArray[np.float32]]):
 
     ## Observation Space
 
-    `Box` of 24 + S + 6 K numbers in float32 (80 by default), or with `observation="dict"` the same numbers by block.
+    `Box` of 24 + S + 6 K numbers in float32 (80 by default), or with `observation="dict"` the same numbers by block
+    (Gymnasium keeps blocks in alphabetical order: `FlattenObservation` gives another order than the Box's).
 
     OBSERVATION_TABLE
 
@@ -270,7 +272,7 @@ def check_render_mode(mode: Any, modes: Sequence[str]) -> str | None:
         ValueError: it is not.
     """
     if mode is not None and mode not in modes:
-        raise ValueError(f"render_mode must be None or one of {', '.join(map(repr, modes))}; got {mode!r}")
+        raise ValueError(f"render_mode must be {' or '.join(map(repr, [None, *modes]))}; got {mode!r}")
     return mode
 
 

@@ -56,6 +56,9 @@ class SlamTargetVectorEnv(VectorEnv[Any, Any, Any]):
     | `"NextStep"`            | begins its next episode in the next step; that action is ignored, its reward is 0 |
     | `"Disabled"`            | waits for `reset(options={"reset_mask": mask})` |
 
+    Of Gymnasium's vector wrappers those that change observations (`NormalizeObservation`, `FlattenObservation`, ...)
+    refuse `"SameStep"`, the adapter for Stable-Baselines3 (`agents.sb3.vec_env.SlamTargetVecEnv`) needs it.
+
     **Info**: every key has an array [L] (or [L, 3], [L, 4]), and `_key` a mask of the lanes where it is defined.
 
     **Reset options**: as for the single environment, for all lanes that are reset, and `reset_mask` [L] bool.

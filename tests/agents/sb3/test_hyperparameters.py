@@ -28,7 +28,7 @@ def file(tmp_path):
 
 
 class Algorithm:
-    def __init__(self, policy, env, learning_rate=1.0, gamma=0.5, policy_kwargs=None):
+    def __init__(self, policy, env, learning_rate=1.0, gamma=0.5, policy_kwargs=None, n_steps=1, ent_coef=0.0):
         pass
 
 
@@ -53,6 +53,24 @@ def test_arguments_of_the_algorithm(file):
         read(file, "default", {"gama": 1}).arguments(Algorithm)
     with pytest.raises(ValueError, match=r"lin_NUMBER"):
         read(file, "default", {"learning_rate": "fast"}).arguments(Algorithm)
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "message"),
+    [("gamma", 2, "gamma must be a number from 0 to 1; got 2"), ("gamma", "abc", "gamma must be a number"),
+     ("learning_rate", -1, "of at least 0"), ("learning_rate", "lin_-1", "learning_rate must be a number"),
+     ("n_steps", 0, "n_steps must be a whole number"), ("ent_coef", "x", "ent_coef must be a number; got 'x'")],
+)  # fmt: skip
+def test_numbers_that_no_training_can_use(name, value, message, file):
+    with pytest.raises(ValueError, match=message):
+        read(file, "default", {name: value}).arguments(Algorithm)
+
+
+def test_numbers_and_words_as_an_algorithm_wants_them(file):
+    pytest.importorskip("torch")
+    arguments = read(file, "default", {"ent_coef": "auto_0.1", "n_steps": 16.0, "gamma": 1}).arguments(Algorithm)
+    assert (arguments["ent_coef"], arguments["n_steps"], arguments["gamma"]) == ("auto_0.1", 16, 1)
+    assert isinstance(arguments["n_steps"], int)
 
 
 @pytest.mark.parametrize("text", ["__import__('os').system('true')", "dict(a=open('/etc/passwd'))", "nn.Linear",

@@ -21,6 +21,7 @@ from agents.sb3.training import (
     TRAINING_SEEDS,
     build,
     check_numbers,
+    check_reward,
     load_scenario,
     make_environment,
     read_hyperparameters,
@@ -221,6 +222,36 @@ def test_wrong_numbers_are_named(capsys, tmp_path):
             check_numbers(Train(**wrong))
     assert cli.main(["train", "--hyperparams", "gama=0.9", "--out", str(tmp_path)]) == 2
     assert "PPO: unknown hyperparameter 'gama'. Did you mean 'gamma'?" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("wrong", "message"),
+    [("batch_size=1", "PPO does not accept these hyperparameters: `batch_size` must be greater than 1"),
+     ("policy_kwargs=dict(foo=1)", "PPO does not accept these hyperparameters: .*'foo'"),
+     ("seed=3", "unknown hyperparameter 'seed'")],
+)  # fmt: skip
+def test_what_the_algorithm_does_not_accept(wrong, message):
+    settings = replace(PPO, hyperparams=(*PPO.hyperparams, wrong))
+    scenario = load_scenario(settings)
+    with pytest.raises(ValueError, match=message):
+        build(settings, scenario, read_hyperparameters(settings, scenario))
+
+
+def test_few_lanes_make_one_batch_without_a_warning():
+    settings = replace(PPO, num_envs=2, hyperparams=("n_steps=8", "batch_size=4096"))
+    scenario = load_scenario(settings)
+    assert build(settings, scenario, read_hyperparameters(settings, scenario)).batch_size == 16
+
+
+def test_nobody_trains_for_nothing():
+    for settings, why in (
+        (Train(scenario="geng-l1"), "'geng-l1' has no target"),
+        (Train(reward=("track=0", "pursue=0")), "^with these weights every reward would be zero"),
+    ):
+        with pytest.raises(ValueError, match=why):
+            check_reward(settings, load_scenario(settings))
+    paid = Train(scenario="geng-l1", reward=("localise=1",))
+    check_reward(paid, load_scenario(paid))
 
 
 def test_the_command_prints_where_the_policy_is(capsys, tmp_path):

@@ -198,6 +198,7 @@ WRONG = {
     "value": ({"scenario_options": {"sensor.max_range": -3.0}}, "sensor.max_range must be more than 0"),
     "options type": ({"scenario_options": [1]}, "scenario_options must be a dictionary"),
     "estimator": ({"estimator": "efk"}, "Did you mean 'ekf'"),
+    "options in the name": ({"estimator": "slamto:particles=9"}, r"the name is 'slamto'; its options .particles=9."),
     "estimator option": ({"estimator_options": {"gat": 3.0}}, "gat"),
     "observation": ({"observation": "boxes"}, "Did you mean 'box'"),
     "action": ({"action": "twists"}, "Did you mean 'twist'"),
@@ -206,7 +207,7 @@ WRONG = {
     "weight": ({"reward": {"track": "much"}}, "must be a finite number"),
     "landmarks": ({"nearest_landmarks": 0}, "nearest_landmarks must be a whole number"),
     "capture": ({"terminate_on_capture": -1.0}, "terminate_on_capture must be a positive number"),
-    "render": ({"render_mode": "ascii"}, "render_mode must be None or one of"),
+    "render": ({"render_mode": "ascii"}, "render_mode must be None or 'human' or 'rgb_array'"),
 }
 
 

@@ -127,7 +127,7 @@ def test_pictures_one_per_lane():
     [
         (lambda: SlamTargetVectorEnv(num_envs=0), "num_envs must be a whole number of at least 1"),
         (lambda: SlamTargetVectorEnv(num_envs=2, autoreset_mode="later"), "autoreset_mode must be one of"),
-        (lambda: SlamTargetVectorEnv(num_envs=2, render_mode="human"), "render_mode must be None or one of"),
+        (lambda: SlamTargetVectorEnv(num_envs=2, render_mode="human"), "render_mode must be None or 'rgb_array'; got"),
         (lambda: SlamTargetVectorEnv(num_envs=2).reset(seed=[1]), "one for each of the 2 lanes"),
         (lambda: SlamTargetVectorEnv(num_envs=2).reset(seed=-3), "zero"),
         (lambda: SlamTargetVectorEnv(num_envs=2).reset(options={"reset_mask": [True, False]}), "boolean array"),
