@@ -27,6 +27,15 @@ def test_pursuit_is_nothing_closed_and_the_oracle_all():
     assert share_text(found.iloc[0]) == "0.75 (0.75 to 0.75)"
 
 
+@pytest.mark.parametrize("odd", [float("inf"), float("nan")])
+def test_the_means_are_of_the_runs_that_count(odd):
+    table = runs(pursuit=0.5, mine=0.2, oracle=0.1)
+    table.loc[(table["policy"] == "mine") & (table["run"] == 5), "lost_share"] = odd
+    row = gap_table(table).iloc[0]
+    assert row["n"] == 5
+    assert (row["baseline"] - row["value"]) / (row["baseline"] - row["reference"]) == pytest.approx(row["closed"])
+
+
 @pytest.mark.parametrize("policies", [{"pursuit": 0.5, "mine": 0.2}, {"mine": 0.2, "oracle": 0.1}])
 def test_no_gap_without_both_ends(policies):
     assert gap_table(runs(**policies)).empty
