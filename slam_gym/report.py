@@ -16,7 +16,7 @@ from matplotlib.figure import Figure
 
 from slam_gym import plots, policies
 from slam_gym.gaps import METRICS, share_text
-from slam_gym.results import Results
+from slam_gym.results import Results, file_stem
 from slam_gym.specs import is_reference
 from slam_gym.tables import PAIRED
 
@@ -275,8 +275,8 @@ def _drawings(
 
 
 def _figure(found: Results, scenario: str, policy: str, name: str, figure: Figure, caption: str) -> dict[str, str]:
-    stem = "-".join("".join(c if c.isalnum() else " " for c in f"{scenario} {policy} {name}").split())
-    return embedded(save_png(figure, Path(found.path) / "figures" / f"{stem}.png"), caption)
+    path = Path(found.path) / "figures" / f"{file_stem(scenario, policy, name)}.png"
+    return embedded(save_png(figure, path), caption)
 
 
 def save_png(figure: Figure, path: Path) -> Path:

@@ -38,6 +38,13 @@ def test_every_picture_is_embedded_and_kept_as_png(page, folder):
     assert len(kept) == 5
 
 
+def test_values_that_differ_in_sign_alone_keep_their_own_pictures(tmp_path):
+    out = tmp_path / "swept"
+    compare("open", ["ekf"], runs=1, steps=5, out=out, jobs=1, sweep={"robot.turn_bias": [-0.1, 0.1]})
+    page = write_report(out).read_text(encoding="utf-8")
+    assert len(list((out / "figures").glob("*.png"))) == page.count("data:image/png") > 0
+
+
 def test_what_a_user_typed_is_escaped(page):
     assert "slam-gym compare &lt;open&gt;" in page
 
