@@ -45,6 +45,7 @@ class PolicyContext:
     target: TargetModel | None
     step_dt: float  # [s], one simulation step
     hold: int = 1  # simulation steps that one action lasts
+    sensor_period: int = 1  # simulation steps between sweeps
     speed_min: float = -math.inf  # [m/s], negative where the robot can reverse
     speed_max: float = math.inf  # [m/s]
     turn_max: float = math.inf  # [rad/s], unicycle
@@ -77,6 +78,7 @@ class PolicyContext:
             target=target,
             step_dt=scenario.dt,
             hold=scenario.hold,
+            sensor_period=scenario.sensor_period,
             speed_min=middle(robot.speed_min),
             speed_max=middle(robot.speed_max),
             turn_max=middle(robot.turn_max),

@@ -85,7 +85,7 @@ def best_command(
         horizon: segments.
         width: of the beam.
         weights: (pose, unseen, distance, pillar, margin [m], softness [m], departure).
-        timing: (seconds, steps, density) of a segment; density of the target's acceleration.
+        timing: (seconds, steps, sweeps, density) of a segment; density of the target's acceleration.
         stand_off: [m].
         limits: (lowest, highest speed [m/s], turn rate [rad/s], curvature [1/m]).
         model: a `MODEL` record.
@@ -93,7 +93,7 @@ def best_command(
         keep, kept: [width] scratch.
         B: [n, 2] scratch.
     """
-    seconds, steps, density = timing
+    seconds, steps, sweeps, density = timing
     for i in range(n):
         xs[1, 0, i] = x[i]
         for k in range(n):
@@ -119,7 +119,7 @@ def best_command(
                     continue
                 Q[:n, :n] = Ps[before, parent, :n, :n]
                 grow(Q, n, dx, dy, heading, v, w, seconds, steps, model, density)
-                seen = _look_around(y, Q, n, pillars, num_pillars, weights[5], steps, model, B)
+                seen = _look_around(y, Q, n, pillars, num_pillars, weights[5], sweeps, model, B)
                 cost += Q[TARGET, TARGET] + Q[TARGET + 1, TARGET + 1]
                 cost += weights[0] * (Q[0, 0] + Q[1, 1] + Q[2, 2]) + weights[1] * (1.0 - seen)
                 costs[now, child] = cost

@@ -140,7 +140,12 @@ class RecedingHorizon(Policy):
         )
         steps = max(1, round(segment / context.step_dt))
         density = context.target.acceleration_density if context.target is not None else 0.0
-        self._timing = (steps * context.step_dt, float(steps), float(density if agility is None else agility))
+        self._timing = (
+            steps * context.step_dt,
+            float(steps),
+            steps / context.sensor_period,
+            float(density if agility is None else agility),
+        )
         self._stand_off = float(stand_off)
         self._plan = (int(horizon), int(beam))
         self._set_commands()

@@ -2,6 +2,7 @@
 
 import itertools
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -30,8 +31,8 @@ def one_segment(x, P, n, number, pillars, num_pillars, commands, weights, timing
     v, w = _command(number, x, commands, timing[0], stand_off, limits)
     dx, dy, heading = drive(x, v, w, timing[0])
     cost = _place_cost(x, pillars, num_pillars, model.landmark_radius, weights, stand_off)
-    grow(P, n, dx, dy, heading, v, w, timing[0], timing[1], model, timing[2])
-    seen = _look_around(x, P, n, pillars, num_pillars, weights[5], timing[1], model, B)
+    grow(P, n, dx, dy, heading, v, w, timing[0], timing[1], model, timing[3])
+    seen = _look_around(x, P, n, pillars, num_pillars, weights[5], timing[2], model, B)
     cost += P[TARGET, TARGET] + P[TARGET + 1, TARGET + 1] + weights[0] * (P[0, 0] + P[1, 1] + P[2, 2])
     return cost + weights[1] * (1.0 - seen) + (weights[6] if number else 0.0)
 
@@ -51,6 +52,23 @@ def test_a_wide_beam_finds_what_trying_every_plan_finds(seed):
             for number in plan
         )  # fmt: skip
     assert policy._best(0, belief) == min(costs, key=costs.get)[0]
+
+
+def test_a_segment_with_fewer_sweeps_is_worth_as_much_as_one_with_a_worse_sensor():
+    """Five steps to a sweep and five times the variances weigh the same."""
+    every, context = [], episode(steps=0).context
+    rare = replace(context, sensor_period=5)
+    root = math.sqrt(5.0)
+    worse = replace(context.sensor, range_std=root * context.sensor.range_std,
+                    range_std_per_range=root * context.sensor.range_std_per_range,
+                    bearing_std=root * context.sensor.bearing_std)  # fmt: skip
+    weights = {"distance_weight": 0.0, "departure": 0.0, "unseen_weight": 0.0}
+    for seed in range(30):
+        belief = episode(seed=seed).simulation.estimators[0].belief
+        every.append([planner.RecedingHorizon(one, **weights)._best(0, belief)
+                      for one in (context, rare, replace(context, sensor=worse))])  # fmt: skip
+    usual, rarely, badly = zip(*every, strict=True)
+    assert rarely == badly != usual
 
 
 def test_lanes_equal_single_lanes_bit_for_bit():
