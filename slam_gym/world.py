@@ -132,25 +132,32 @@ class World:
             ValueError: an unknown key or impossible value among the options.
         """
         lanes = self.lanes if lanes is None else np.asarray(lanes, dtype=np.int64)
-        chosen = np.broadcast_to(np.asarray(seeds), lanes.shape)
+        ranges, chosen = self._ranges_with(options), np.broadcast_to(np.asarray(seeds), lanes.shape)
         for lane, seed in zip(lanes, chosen, strict=True):
             self.key[lane] = lane_key(int(seed))
         self.episode[lanes] = 0
-        self._begin(lanes, options)
+        self._begin(lanes, ranges)
 
     def next_episode(self, lanes: Ints | None = None, options: Mapping[str, Any] | None = None) -> None:
         """Begin the next episode of the same seeds: fresh draws, the same for any policy. See `reset`."""
         lanes = self.lanes if lanes is None else np.asarray(lanes, dtype=np.int64)
+        ranges = self._ranges_with(options)
         self.episode[lanes] += 1
-        self._begin(lanes, options)
+        self._begin(lanes, ranges)
 
-    def _begin(self, lanes: Ints, options: Mapping[str, Any] | None) -> None:
-        ranges = Ranges(self.scenario, options) if options else self._ranges
-        if options and np.any(np.greater(_sizes(ranges.scenario, len(self._points)), self._sizes)):
+    def _ranges_with(self, options: Mapping[str, Any] | None) -> Ranges:
+        """What an episode's numbers are drawn from; options are refused here, before anything has changed."""
+        if not options:
+            return self._ranges
+        ranges = Ranges(self.scenario, options)
+        if np.any(np.greater(_sizes(ranges.scenario, len(self._points)), self._sizes)):
             raise ValueError(
                 "reset options cannot raise landmarks.count, sensor.clutter_rate or robot.command_delay above the "
                 "scenario's largest: arrays are sized for those; set them in the scenario"
             )
+        return ranges
+
+    def _begin(self, lanes: Ints, ranges: Ranges) -> None:
         kept = self._blocks.views.keys() - {"key", "episode"}
         for name in kept:
             self._blocks.views[name][lanes] = 0

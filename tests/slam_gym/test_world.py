@@ -236,10 +236,14 @@ def test_options_change_one_episode():
         ({"robot.command_delay": 1.0}, r"reset options cannot raise .*robot.command_delay"),
     ],
 )
-def test_wrong_options(options, message):
+def test_wrong_options_are_refused_and_change_nothing(options, message):
     world = World(Scenario.load("open"))
-    with pytest.raises(ValueError, match=message):
-        world.reset([0], options=options)
+    world.reset([0])
+    before = pickle.dumps(world.get_state())
+    for begin in (lambda: world.reset([1], options=options), lambda: world.next_episode(options=options)):
+        with pytest.raises(ValueError, match=message):
+            begin()
+        assert pickle.dumps(world.get_state()) == before
 
 
 @pytest.mark.parametrize(("lanes", "threads"), [(0, 1), (1, 0)])
