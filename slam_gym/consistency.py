@@ -33,8 +33,9 @@ def nees(error: ArrayLike, covariance: ArrayLike, angles: tuple[int, ...] = ()) 
     try:
         return np.einsum("...i,...i->...", e, np.linalg.solve(cov, e[..., None])[..., 0])
     except np.linalg.LinAlgError:
-        pairs = zip(e.reshape(-1, e.shape[-1]), cov.reshape(-1, *cov.shape[-2:]), strict=True)
-        return np.array([_nees_or_inf(a, b) for a, b in pairs]).reshape(e.shape[:-1])
+        shape = np.broadcast_shapes(e.shape[:-1], cov.shape[:-2])
+        e, cov = np.broadcast_to(e, (*shape, *e.shape[-1:])), np.broadcast_to(cov, (*shape, *cov.shape[-2:]))
+        return np.array([_nees_or_inf(e[i], cov[i]) for i in np.ndindex(shape)]).reshape(shape)
 
 
 def _nees_or_inf(error: Floats, covariance: Floats) -> float:

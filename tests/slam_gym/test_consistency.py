@@ -23,6 +23,7 @@ def test_nees_is_the_quadratic_form_with_wrapped_angles():
 def test_nees_of_a_singular_covariance_is_infinite_for_that_one_alone():
     cov = np.stack([np.eye(2), np.zeros((2, 2))])
     np.testing.assert_array_equal(nees(np.ones((2, 2)), cov), [2.0, np.inf])
+    np.testing.assert_array_equal(nees(np.ones(2), cov), [2.0, np.inf])  # one error, several covariances
 
 
 def test_nis_wraps_the_bearing():
