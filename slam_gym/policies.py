@@ -228,6 +228,12 @@ def make(name: str, context: PolicyContext, num_lanes: int = 1, **chosen: Any) -
     """Build a policy by name.
 
     Raises:
-        ValueError: unknown name, an option that this policy does not have, or an impossible value.
+        ValueError: unknown name, an option that this policy does not have, an impossible value, or a policy that is
+            told where the target is in a scenario without one.
     """
-    return build("policy", name, get(name), chosen, context, num_lanes)
+    policy = get(name)
+    if context.target is None and issubclass(policy, TruthAwarePolicy):
+        raise ValueError(
+            f"policy {name!r} is told where the target is, and this scenario has none; choose another policy"
+        )
+    return build("policy", name, policy, chosen, context, num_lanes)

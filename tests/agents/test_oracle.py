@@ -26,6 +26,11 @@ def test_nobody_but_evaluation_tells_the_truth(make_context, make_belief):
     assert not policies.is_reference("no such policy")
 
 
+def test_without_a_target_there_is_nothing_to_tell(make_context):
+    with pytest.raises(ValueError, match="policy 'oracle' is told where the target is, and this scenario has none"):
+        policies.make("oracle", make_context(target=None))
+
+
 def test_an_episode_tells_it():
     episode = Episode(Scenario.load("discovery"), ["ekf"], policy="oracle", seed=3)
     for _ in range(300):
