@@ -22,6 +22,7 @@ from estimators.kernels.jit import inline, jit
 from estimators.kernels.left_looking import ROWS, collect, settle, spread
 from estimators.kernels.motion import calibrated, control_noise, control_std, displacement, unicycle, unicycle_noise
 from estimators.kernels.range_bearing import gradient, measure, noise_std
+from estimators.kernels.rounding import blunted_by_distance
 from estimators.kernels.velocity_target import move_velocity_target
 from estimators.models import TWIST
 
@@ -90,6 +91,7 @@ def observe(mu, P, work, lane, n, rows, j, model, distance, bearing, limit):
     a00, a01, a10, a11 = gradient(dx, dy)
     range_std, bearing_std = noise_std(model, r)
     s00, s01, s11 = spread(P, work, lane, n, rows, j, a00, a01, a10, a11, 0.0, -1.0)
+    range_std, bearing_std = blunted_by_distance(P, work, lane, n, j, r, 0.0, -1.0, range_std, bearing_std)
     s00, s11 = s00 + range_std * range_std, s11 + bearing_std * bearing_std
     y0, y1 = distance - r, wrap(bearing - b)
     nis = nis_and_log_det(s00, s01, s11, y0, y1)[0]

@@ -30,6 +30,7 @@ from estimators.kernels.jit import inline, jit
 from estimators.kernels.left_looking import ROWS, collect, settle, spread
 from estimators.kernels.motion import calibrated, control_noise, control_std, displacement, unicycle, unicycle_noise
 from estimators.kernels.range_bearing import gradient, measure, noise_std
+from estimators.kernels.rounding import blunted_by_distance
 from estimators.kernels.velocity_target import bend, half_bend
 from estimators.models import TWIST
 
@@ -136,6 +137,7 @@ def observe(mu, P, work, lane, n, rows, j, model, anchor, first_x, first_y, dist
     c0, c1 = -(a00 * g0 + a01 * g1), -(a10 * g0 + a11 * g1)
     range_std, bearing_std = noise_std(model, r)
     s00, s01, s11 = spread(P, work, lane, n, rows, j, a00, a01, a10, a11, c0, c1)
+    range_std, bearing_std = blunted_by_distance(P, work, lane, n, j, r, c0, c1, range_std, bearing_std)
     s00, s11 = s00 + range_std * range_std, s11 + bearing_std * bearing_std
     y0, y1 = distance - r, wrap(bearing - b)
     nis = nis_and_log_det(s00, s01, s11, y0, y1)[0]

@@ -24,6 +24,7 @@ from estimators.kernels.gaussian import (
 from estimators.kernels.jit import inline, jit
 from estimators.kernels.motion import calibrated, control_noise, control_std, displacement, unicycle, unicycle_noise
 from estimators.kernels.range_bearing import gradient, measure, noise_std, offset, offset_noise
+from estimators.kernels.rounding import blunted_by_distance
 from estimators.kernels.velocity_target import move_velocity_target
 from estimators.models import TWIST
 
@@ -100,7 +101,9 @@ def observe(mu, P, W, lane, n, j, model, true_dx, true_dy, distance, bearing, li
         return UNUSABLE, 0.0
     r, b = measure(dx, dy, mu[lane, 2])
     a00, a01, a10, a11 = gradient(true_dx, true_dy)
-    range_std, bearing_std = noise_std(model, math.sqrt(true_dx * true_dx + true_dy * true_dy))
+    true_r = math.sqrt(true_dx * true_dx + true_dy * true_dy)
+    range_std, bearing_std = noise_std(model, true_r)
+    range_std, bearing_std = blunted_by_distance(P, W, lane, n, j, true_r, 0.0, -1.0, range_std, bearing_std)
     s00, s01, s11 = innovation_cov(
         P, lane, j, a00, a01, a10, a11, 0.0, -1.0, range_std * range_std, bearing_std * bearing_std
     )

@@ -19,14 +19,17 @@ from estimators.kernels.association import KNOWN, TARGET_SLOT
 from estimators.kernels.borrow import borrow
 from estimators.kernels.bound import LATER
 from estimators.kernels.gaussian import ROBOT, nis_and_log_det, rows_in_use, shear
-from estimators.kernels.jit import inline, jit
+from estimators.kernels.jit import inline, jit, subroutine
 from estimators.kernels.left_looking import CORRECTION, ROWS, SHIFT, TURN, collect, keep_heading, settle, spread
 from estimators.kernels.range_bearing import gradient, measure, noise_std
+from estimators.kernels.rounding import blunted_by_distance
 from estimators.kernels.simd import subtract_rows
 from estimators.models import TWIST
 
 SMALL_ANGLE = 1e-4  # [rad] below which the series of V is exact to rounding
 HALF_ROOT = math.sqrt(0.5)
+FAR = 100.0  # [m] moved by a correction, all points together: rounding of its square would tell in P
+SMALLEST_SCALE = 1e-30  # of `balance`: where the heading is known exactly
 
 
 @inline
@@ -43,6 +46,7 @@ def observe(mu, P, work, lane, n, rows, j, model, distance, bearing, limit):
     a00, a01, a10, a11 = gradient(dx, dy)
     range_std, bearing_std = noise_std(model, r)
     s00, s01, s11 = spread(P, work, lane, n, rows, j, a00, a01, a10, a11, 0.0, -1.0)
+    range_std, bearing_std = blunted_by_distance(P, work, lane, n, j, r, 0.0, -1.0, range_std, bearing_std)
     s00, s11 = s00 + range_std * range_std, s11 + bearing_std * bearing_std
     moved_x = work[CORRECTION, j] - work[CORRECTION, 0]
     moved_y = work[CORRECTION, j + 1] - work[CORRECTION, 1]
@@ -76,6 +80,21 @@ def retract_point(mu, work, lane, j, angle, c, s, a, b):
     work[SHIFT, j + 1] = mu[lane, j] - x
 
 
+@subroutine
+def balance(work, n, rows, square):
+    """The same two rows with d and e of one size, |d|^2 being `square`: their squares are then no larger than P."""
+    half, e_square = 0.5 * work[TURN, 2], 0.0
+    for i in range(n):
+        e = work[TURN, i] + half * work[SHIFT, i]
+        e_square += e * e
+    scale = max((e_square / square) ** 0.25, SMALLEST_SCALE)
+    for i in range(n):
+        d = scale * work[SHIFT, i]
+        e = (work[TURN, i] + half * work[SHIFT, i]) / scale
+        work[rows, i] = HALF_ROOT * (d - e)
+        work[rows + 1, i] = HALF_ROOT * (d + e)
+
+
 @inline
 def change_coordinates(P, work, lane, n, rows):
     """Settle the rows collected, then (b): P <- M P M', M = I + d e_phi', d in row SHIFT; P is gone over once.
@@ -84,12 +103,15 @@ def change_coordinates(P, work, lane, n, rows):
     last bit.
     """
     keep_heading(P, work, lane, n, rows)
-    half = 0.5 * work[TURN, 2]
+    half, square = 0.5 * work[TURN, 2], 0.0
     for i in range(n):
         d = work[SHIFT, i]
         e = work[TURN, i] + half * d
         work[rows, i] = HALF_ROOT * (d - e)
         work[rows + 1, i] = HALF_ROOT * (d + e)
+        square += d * d
+    if square > FAR * FAR:
+        balance(work, n, rows, square)
     subtract_rows(P, lane, n, work, rows + 1, 1)
 
 

@@ -28,6 +28,7 @@ from estimators.kernels.gaussian import ROBOT, nis_and_log_det, rows_in_use
 from estimators.kernels.jit import inline, jit, subroutine
 from estimators.kernels.left_looking import CORRECTION, collect, spread
 from estimators.kernels.range_bearing import measure, noise_std
+from estimators.kernels.rounding import blunted, offset_variance
 from estimators.models import TWIST, MotionModel, SensorModel, TargetModel
 
 NET = 0.0  # in the place of a step h: fit the Taylor net
@@ -91,7 +92,13 @@ def observe(mu, P, work, lane, n, j, model, distance, bearing, limit, h):
         mr, mb, g00, g01, g10, g11, s00, s01, s11 = fit_net(r, l00, l10, l11, t0, t1)
     else:
         mr, mb, g00, g01, g10, g11, s00, s01, s11 = interpolate(r, l00, l10, l11, t0, t1, h)
+    c0, c1 = -r * g01, -r * g11
+    variance, turn = offset_variance(P, lane, j), P[lane, 2, 2]
     range_std, bearing_std = noise_std(model, r)
+    range_std, bearing_std = blunted(
+        P, work, lane, n, (g00 * g00 + g01 * g01) * variance + c0 * c0 * turn,
+        (g10 * g10 + g11 * g11) * variance + c1 * c1 * turn, range_std, bearing_std,
+    )  # fmt: skip
     k00, k01, k10, k11 = g00 * e00 + g01 * e01, g00 * e01 + g01 * e11, g10 * e00 + g11 * e01, g10 * e01 + g11 * e11
     s00 += k00 * g00 + k01 * g01 + range_std * range_std
     s01 += k00 * g10 + k01 * g11
@@ -101,7 +108,7 @@ def observe(mu, P, work, lane, n, j, model, distance, bearing, limit, h):
     if not nis <= limit:
         return (UNUSABLE if math.isnan(nis) else UNLIKELY), nis
     a00, a01, a10, a11 = from_beam(ux, uy, g00, g01, g10, g11)
-    spread(P, work, lane, n, 0, j, a00, a01, a10, a11, -r * g01, -r * g11)
+    spread(P, work, lane, n, 0, j, a00, a01, a10, a11, c0, c1)
     collect(work, CORRECTION, work, n, 0, y0, y1, s00, s01, s11)
     return USED, nis
 

@@ -9,6 +9,7 @@ from estimators.kernels.gaussian import nis_and_log_det
 from estimators.kernels.jit import inline
 from estimators.kernels.left_looking import CORRECTION, settle
 from estimators.kernels.range_bearing import gradient, measure, noise_std, offset
+from estimators.kernels.rounding import FLOOR, lift, offset_variance
 
 
 @inline
@@ -86,6 +87,12 @@ def observe(mu, P, work, lane, n, j, extra, model, errors, distance, bearing, ag
     y0 = distance - r - a00 * (dx - lx) - a01 * (dy - ly) - along(work, CORRECTION, j, a00, a01, c0, scale, r)
     y1 = wrap(bearing - b) - a10 * (dx - lx) - a11 * (dy - ly) - along(work, CORRECTION, j, a10, a11, c1, bias, 1.0)
     r00, r11 = return_noise(model, errors, r, age)
+    spread, turn = offset_variance(P, lane, j), P[lane, 2, 2]
+    least_range = FLOOR * (spread + c0 * c0 * turn + r * r * P[lane, scale, scale])
+    least_bearing = FLOOR * (spread / (r * r) + c1 * c1 * turn + P[lane, bias, bias])
+    if least_range > r00 or least_bearing > r11:
+        lift(P, work, lane, n)
+        r00, r11 = max(r00, least_range), max(r11, least_bearing)
     nis = nis_and_log_det(p00 + r00, s01, p11 + r11, y0, y1)[0]
     if not nis <= limit:
         return (UNUSABLE if math.isnan(nis) else UNLIKELY), nis

@@ -15,6 +15,7 @@ from estimators.gaussian.interpolation import (
     append_by_points,
     downdate_by_points,
     move_body,
+    row_of,
     spread_return,
 )
 from estimators.gaussian.layout import Call, GaussianEstimator
@@ -36,6 +37,7 @@ from estimators.kernels.gaussian import ROBOT, nis_and_log_det, rows_in_use
 from estimators.kernels.jit import inline, jit
 from estimators.kernels.motion import calibrated, control_std
 from estimators.kernels.range_bearing import noise_std, offset, offset_noise
+from estimators.kernels.rounding import blunted
 from estimators.kernels.velocity_target import move_velocity_target
 from estimators.models import TWIST, MotionModel, SensorModel, TargetModel
 
@@ -85,6 +87,11 @@ def observe(mu, P, W, lane, n, j, model, distance, bearing, limit, rule, C, D1, 
     """Update by one return of the point at row j; (what became of it, its NIS)."""
     r0, r, b, s00, s01, s11 = spread_return(mu, P, lane, j, rule, C, D1, E)
     range_std, bearing_std = noise_std(model, r0)
+    h0 = h1 = 0.0
+    for p in range(5):
+        variance = P[lane, row_of(p, j), row_of(p, j)]
+        h0, h1 = h0 + E[0, p] * E[0, p] * variance, h1 + E[1, p] * E[1, p] * variance
+    range_std, bearing_std = blunted(P, W, lane, n, h0, h1, range_std, bearing_std)
     s00 += range_std * range_std
     s11 += bearing_std * bearing_std
     y0, y1 = distance - r, wrap(bearing - b)

@@ -25,6 +25,7 @@ from estimators.kernels.bound import LATER
 from estimators.kernels.gaussian import ROBOT, downdate, nis_and_log_det, rows_in_use
 from estimators.kernels.jit import inline, jit
 from estimators.kernels.range_bearing import measure, noise_std
+from estimators.kernels.rounding import blunted, offset_variance
 from estimators.models import TWIST
 
 
@@ -73,7 +74,13 @@ def observe(mu, P, W, lane, n, j, model, anchor, first_x, first_y, distance, bea
     a00, a01, a10, a11, k0, k1, rest, b00, b01, b11 = constrain(
         e00, e01, e11, ux * t0 + uy * t1, ux * t1 - uy * t0, P[lane, 2, 2], ga, gb, g00, g01, g10, g11, r
     )
+    c0, c1 = -(a00 * ga + a01 * gb), -(a10 * ga + a11 * gb)
+    spread, turn = offset_variance(P, lane, j), P[lane, 2, 2]
     range_std, bearing_std = noise_std(model, r)
+    range_std, bearing_std = blunted(
+        P, W, lane, n, (a00 * a00 + a01 * a01) * spread + c0 * c0 * turn,
+        (a10 * a10 + a11 * a11) * spread + c1 * c1 * turn, range_std, bearing_std,
+    )  # fmt: skip
     h00, h01, h10, h11 = a00 * b00 + a01 * b01, a00 * b01 + a01 * b11, a10 * b00 + a11 * b01, a10 * b01 + a11 * b11
     s00 += h00 * a00 + h01 * a01 + k0 * k0 * rest + range_std * range_std
     s01 += h00 * a10 + h01 * a11 + k0 * k1 * rest
@@ -82,7 +89,6 @@ def observe(mu, P, W, lane, n, j, model, anchor, first_x, first_y, distance, bea
     nis = nis_and_log_det(s00, s01, s11, y0, y1)[0]
     if not nis <= limit:
         return (UNUSABLE if math.isnan(nis) else UNLIKELY), nis
-    c0, c1 = -(a00 * ga + a01 * gb), -(a10 * ga + a11 * gb)
     a00, a01, a10, a11 = from_beam(ux, uy, a00, a01, a10, a11)
     downdate(mu, lane, P, W, lane, n, j, a00, a01, a10, a11, c0, c1, y0, y1, s00, s01, s11)
     mu[lane, 2] = wrap(mu[lane, 2])

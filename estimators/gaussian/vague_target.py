@@ -20,6 +20,7 @@ from estimators.kernels.gaussian import ROBOT, downdate, innovation_cov, nis_and
 from estimators.kernels.iterated import linearised, refine
 from estimators.kernels.jit import inline, jit
 from estimators.kernels.range_bearing import noise_std, offset, usable
+from estimators.kernels.rounding import blunted, offset_variance
 from estimators.models import TWIST
 
 AT_MEAN, TURNING, FIRST, CONSIDERED = 0, 1, 2, 3
@@ -139,6 +140,11 @@ def take_back(
             if kind == FIRST:
                 points[lane, at], points[lane, at + 1] = points[lane, 0] + ex, points[lane, 1] + ey
             range_std, bearing_std = noise_std(model, distance)
+            variance = offset_variance(P, lane, ROBOT)
+            range_std, bearing_std = blunted(
+                P, work, lane, n, (a00 * a00 + a01 * a01) * variance,
+                (a10 * a10 + a11 * a11) * variance + P[lane, 2, 2], range_std, bearing_std,
+            )  # fmt: skip
             s00, s01, s11 = innovation_cov(
                 P, lane, ROBOT, a00, a01, a10, a11, 0.0, -1.0, range_std * range_std, bearing_std * bearing_std
             )

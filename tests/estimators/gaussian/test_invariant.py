@@ -74,6 +74,30 @@ def test_retraction_is_the_group_exponential(angle, n_t, held):
     np.testing.assert_array_equal(P[0], P[0].T)
 
 
+def test_a_correction_by_kilometres_leaves_the_digits_of_what_is_known_to_micrometres():
+    """P <- M P M' against the same in numbers of twice the length: to rounding of what is left, not of the way gone."""
+    rng = np.random.default_rng(3)
+    count, n, used = 2, 8, 7
+    mu, P, work = np.zeros((1, n)), np.zeros((1, n, n)), scratch(n)
+    mu[0, :used] = 5.0 * rng.standard_normal(used)
+    scales = np.array([1e-6, 1e-6, 1e-10, *[1e-6] * 4])
+    A = scales[:, None] * rng.standard_normal((used, used))
+    P[0, :used, :used] = A @ A.T
+    P[0] = (P[0] + P[0].T) / 2
+    step = work[CORRECTION]
+    step[:used] = 1e4 * rng.standard_normal(used)
+    step[2] = 0.3
+    before, start = P[0].copy(), mu[0].copy()
+    work[TURN, :n] = before[2]
+    _retract(mu, P, work, 0, 0, count, False)
+    M = np.eye(n, dtype=np.longdouble)
+    for j in (0, 3, 5):
+        M[j : j + 2, 2] += J @ (mu[0, j : j + 2] - start[j : j + 2])
+    expected = M @ before.astype(np.longdouble) @ M.T
+    root = np.sqrt(np.maximum(np.diag(expected), 1e-300))
+    assert (np.abs(P[0] - expected) / np.outer(root, root)).max() < 1e-13
+
+
 class GroupFilter:
     """The invariant EKF as the papers write it: covariance of xi, updates through the matrix exponential.
 

@@ -9,7 +9,7 @@ from estimators.gaussian.anchor import ROUGH_NIS
 from estimators.gaussian.ekf import EKF
 from estimators.gaussian.fej import FEJEKF
 from estimators.interface import TARGET, Scan
-from estimators.models import SensorModel, TargetModel
+from estimators.models import MotionModel, SensorModel, TargetModel
 from estimators.testing import checks
 
 NAMES = [
@@ -70,6 +70,33 @@ def test_what_is_seen_far_better_than_the_robot_is_known_has_a_covariance(name):
     for cov in (estimator.belief.landmark_rel_cov[:, 0], estimator.belief.target_rel_cov):
         smallest, largest = np.linalg.eigvalsh(cov).T
         assert (smallest >= -1e-12 * largest).all()
+
+
+@pytest.mark.parametrize("name", [*NAMES, "recorded-ri-ekf"])
+def test_a_filter_that_knows_kilometres_only_and_sees_micrometres_keeps_a_covariance(name):
+    """Rounding of P is a hundred times a return's variance; whatever the filter makes of it, P stays a covariance."""
+    rng, lanes, count = np.random.default_rng(5), 16, 6
+    motion, sensor = MotionModel(speed_std=0.1, turn_std=0.05), SensorModel(range_std=1e-5, bearing_std=1e-5)
+    estimator = registry.make(name, motion, sensor, TARGET_MODEL, num_lanes=lanes, max_landmarks=count)
+    pose, marks = np.zeros((lanes, 3)), rng.uniform(-10.0, 10.0, (lanes, count + 1, 2))
+    estimator.reset(pose, np.diag([1e8, 1e8, 1e-2]), seeds=np.arange(lanes))
+    scan = Scan.empty(lanes, count + 1)
+    scan.count[:], scan.labels[:] = count + 1, [*range(count), TARGET]
+    for k in range(20):
+        gap = marks - pose[:, None, :2]
+        noise = 1e-5 * rng.standard_normal((2, lanes, count + 1))
+        scan.ranges[:] = np.hypot(gap[..., 0], gap[..., 1]) + noise[0]
+        scan.bearings[:] = wrap(np.arctan2(gap[..., 1], gap[..., 0]) - pose[:, 2:] + noise[1])
+        estimator.update(scan)
+        belief = estimator.belief
+        for cov in (belief.pose_cov, belief.target_cov, belief.landmark_cov):
+            root = np.sqrt(np.einsum("...ii->...i", cov))
+            assert np.linalg.eigvalsh(cov / (root[..., :, None] * root[..., None, :])).min() > 0.0, k
+        estimator.predict(np.tile([1.0, 0.3], (lanes, 1)), DT)
+        speed, turn = 1.0 + 0.1 * rng.standard_normal(lanes), 0.3 + 0.05 * rng.standard_normal(lanes)
+        pose[:, 2] = wrap(pose[:, 2] + turn * DT)
+        pose[:, :2] += DT * speed[:, None] * np.column_stack([np.cos(pose[:, 2]), np.sin(pose[:, 2])])
+    assert (estimator.counts["not_positive"] == 0).all()
 
 
 @pytest.mark.parametrize("name", ["ekf", "fej-ekf", "oc-ekf", "ri-ekf", "taylor-ekf", "dead-reckoning"])
