@@ -90,8 +90,8 @@ def observe(mu, P, work, lane, n, rows, j, model, distance, bearing, limit):
     r, b = measure(dx, dy, mu[lane, 2])
     a00, a01, a10, a11 = gradient(dx, dy)
     range_std, bearing_std = noise_std(model, r)
-    s00, s01, s11 = spread(P, work, lane, n, rows, j, a00, a01, a10, a11, 0.0, -1.0)
     range_std, bearing_std = blunted_by_distance(P, work, lane, n, j, r, 0.0, -1.0, range_std, bearing_std)
+    s00, s01, s11 = spread(P, work, lane, n, rows, j, a00, a01, a10, a11, 0.0, -1.0)
     s00, s11 = s00 + range_std * range_std, s11 + bearing_std * bearing_std
     y0, y1 = distance - r, wrap(bearing - b)
     nis = nis_and_log_det(s00, s01, s11, y0, y1)[0]

@@ -136,8 +136,8 @@ def observe(mu, P, work, lane, n, rows, j, model, anchor, first_x, first_y, dist
     g0, g1 = anchor[lane, 1] - first_y, first_x - anchor[lane, 0]
     c0, c1 = -(a00 * g0 + a01 * g1), -(a10 * g0 + a11 * g1)
     range_std, bearing_std = noise_std(model, r)
-    s00, s01, s11 = spread(P, work, lane, n, rows, j, a00, a01, a10, a11, c0, c1)
     range_std, bearing_std = blunted_by_distance(P, work, lane, n, j, r, c0, c1, range_std, bearing_std)
+    s00, s01, s11 = spread(P, work, lane, n, rows, j, a00, a01, a10, a11, c0, c1)
     s00, s11 = s00 + range_std * range_std, s11 + bearing_std * bearing_std
     y0, y1 = distance - r, wrap(bearing - b)
     nis = nis_and_log_det(s00, s01, s11, y0, y1)[0]

@@ -45,8 +45,8 @@ def observe(mu, P, work, lane, n, rows, j, model, distance, bearing, limit):
     r, b = measure(dx, dy, mu[lane, 2])
     a00, a01, a10, a11 = gradient(dx, dy)
     range_std, bearing_std = noise_std(model, r)
-    s00, s01, s11 = spread(P, work, lane, n, rows, j, a00, a01, a10, a11, 0.0, -1.0)
     range_std, bearing_std = blunted_by_distance(P, work, lane, n, j, r, 0.0, -1.0, range_std, bearing_std)
+    s00, s01, s11 = spread(P, work, lane, n, rows, j, a00, a01, a10, a11, 0.0, -1.0)
     s00, s11 = s00 + range_std * range_std, s11 + bearing_std * bearing_std
     moved_x = work[CORRECTION, j] - work[CORRECTION, 0]
     moved_y = work[CORRECTION, j + 1] - work[CORRECTION, 1]
