@@ -76,15 +76,20 @@ def _read_csv(table: str, path: Path) -> Floats:
     wanted = [name for name in expected if name in header or (table, name) not in OPTIONAL]
     if sorted(header) != sorted(wanted):
         found = ", ".join(header) or "nothing"
-        raise ValueError(f"{path.name}: expected a first line with the columns {', '.join(expected)}; found {found}")
+        commas = " (columns are separated by commas)" if len(header) == 1 and ";" in header[0] else ""
+        raise ValueError(
+            f"{path.name}: expected a first line with the columns {', '.join(expected)}; found {found}{commas}"
+        )
     order = [header.index(name) for name in wanted]
+    labels = f", or as a label {' or '.join(map(repr, WORDS))}" if "label" in header else ""
     values = np.empty((len(rows) - 1, len(wanted)))
     for i, row in enumerate(rows[1:]):
         try:
             values[i] = [_number(row[k]) for k in order]
         except (ValueError, IndexError) as error:
             raise ValueError(
-                f"{path.name}: row {i + 1} must hold {len(header)} numbers ({', '.join(header)}); got {', '.join(row)}"
+                f"{path.name}: row {i + 1} must hold {len(header)} numbers ({', '.join(header)}){labels}; "
+                f"got {', '.join(row)}"
             ) from error
     return values
 

@@ -19,6 +19,8 @@ Ints = NDArray[np.int64]
 VELOCITY_WINDOW = 0.5  # [s], half the span over which a recorded track's velocity is taken
 LARGEST_GAP = 1.0  # [s], truth is not interpolated across a longer silence
 DISORDER_LIMIT = 0.01  # share of rows out of order that are sorted and counted; more is an error
+TURNED_LIMIT = 0.1  # share of bearings beyond a whole turn that are dropped as stray; more are no radians
+SLOW_COMMANDS = 10.0  # [s] apart, which no robot's are that were logged in seconds
 
 COLUMNS = {
     "odometry": ("time", "speed", "turn_rate"),
@@ -128,8 +130,8 @@ class Recording:
             warnings: counts to add to.
 
         Raises:
-            ValueError: a table is missing, has the wrong columns, numbers that are not finite, or times that run
-                backwards in more than a few rows.
+            ValueError: a table is missing, has the wrong columns, numbers that are not finite, bearings that are no
+                radians, or times that run backwards in more than a few rows.
         """
         sources = sources or {}
         counted = dict(warnings or {})
@@ -148,7 +150,10 @@ class Recording:
         odometry = checked["odometry"]
         if len(odometry) == 0:
             raise ValueError(f"{sources.get('odometry', 'odometry')} holds no commands; at least one row is needed")
-        measurements = _plausible(checked["measurements"], counted)
+        if len(odometry) > 1 and np.median(np.diff(odometry[:, 0])) > SLOW_COMMANDS:
+            where = sources.get("odometry", "odometry")
+            counted[f"{where}: rows over {SLOW_COMMANDS:g} s apart (times are in seconds)"] = len(odometry) - 1
+        measurements = _plausible(checked["measurements"], sources.get("measurements", "measurements"), counted)
         origin = float(min([odometry[0, 0], *measurements[:1, 0]]))
         sweep_times = np.unique(np.concatenate([measurements[:, 0], checked.get("sweeps", np.zeros((0, 1)))[:, 0]]))
         landmarks = checked.get("landmarks", np.zeros((0, 3)))
@@ -231,10 +236,15 @@ def _in_order(rows: Floats, where: str, counted: dict[str, int], *, once: bool) 
     return rows
 
 
-def _plausible(measurements: Floats, counted: dict[str, int]) -> Floats:
+def _plausible(measurements: Floats, where: str, counted: dict[str, int]) -> Floats:
     """Without returns that no sensor gives, and with at most one return of each label in a sweep."""
-    labels = measurements[:, 1]
-    good = (measurements[:, 2] > 0.0) & (np.abs(measurements[:, 3]) <= 2.0 * np.pi)
+    labels, turned = measurements[:, 1], np.abs(measurements[:, 3]) > 2.0 * np.pi
+    if turned.sum() > TURNED_LIMIT * len(turned):
+        raise ValueError(
+            f"{where}: bearings are in radians, left positive; {int(turned.sum())} of {len(turned)} lie beyond a whole "
+            f"turn, the largest at {np.abs(measurements[:, 3]).max():.4g}. Degrees?"
+        )
+    good = (measurements[:, 2] > 0.0) & ~turned
     good &= (labels == np.round(labels)) & (labels >= TARGET)
     if not good.all():
         counted["returns with an impossible range, bearing or label, dropped"] = int((~good).sum())

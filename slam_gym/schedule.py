@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from slam_gym.recording import Recording, Track
+from slam_gym.recording import LARGEST_GAP, Recording, Track
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -86,6 +86,12 @@ def _span(recording: Recording) -> tuple[float, float]:
     if recording.truth is not None:
         start, end = _first_known(recording.truth, start), min(end, float(recording.truth.times[-1]))
     if not end > start:
+        apart = 0.0 if recording.truth is None else float(np.diff(recording.truth.times).min(initial=np.inf))
+        if LARGEST_GAP < apart < np.inf:
+            raise ValueError(
+                f"{recording.name}: the truth's rows are {apart:.4g} s or more apart, and it is not interpolated "
+                f"across more than {LARGEST_GAP:g} s; times are in seconds"
+            )
         raise ValueError(f"{recording.name}: commands and recorded truth do not overlap in time; check their clocks")
     return start, end
 

@@ -22,6 +22,7 @@ class List:
     Examples:
       slam-gym list
       slam-gym list estimators
+      slam-gym list my.toml        a scenario file's numbers, with those that it leaves out
       slam-gym list slamto         the scenario's numbers, and the estimator of the same name with its options
     """
 
@@ -91,7 +92,7 @@ def pages(name: str) -> list[str]:
     from slam_gym.scenario import Scenario, scenario_names
 
     found = []
-    if name in scenario_names():
+    if name in scenario_names() or name.endswith(".toml"):
         found.append(_scenario_page(name, Scenario.load(name)))
     if name in registry.names():
         found.append(_class_page("estimator", name, registry.get(name)))

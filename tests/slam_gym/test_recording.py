@@ -4,6 +4,7 @@ import pytest
 from estimators.interface import TARGET, UNKNOWN
 from slam_gym import log_format
 from slam_gym.recording import Recording, Track
+from slam_gym.schedule import make_schedule
 
 ODOMETRY = [[10.0, 0.5, 0.0], [11.0, 0.5, 0.4], [13.0, 0.0, 0.0]]
 MEASUREMENTS = [[10.5, 3, 2.0, 0.1], [10.5, TARGET, 1.0, -0.2], [12.0, UNKNOWN, 3.0, 0.3], [12.5, 3, 2.5, 0.0]]
@@ -83,6 +84,15 @@ def test_impossible_returns_are_dropped_and_counted():
     assert sorted(recording.warnings.values()) == [1, 2]
 
 
+def test_times_in_milliseconds_are_noticed():
+    times = np.arange(0.0, 60_000.0, 100.0)
+    paths = {"truth": np.column_stack([times, times, times, 0 * times]), "measurements": [[100.0, 1, 2.0, 0.0]]}
+    recording = Recording.from_tables("r", tables(odometry=np.column_stack([times, times, times]), **paths))
+    assert "odometry: rows over 10 s apart (times are in seconds)" in recording.warnings
+    with pytest.raises(ValueError, match=r"the truth's rows are 100 s or more apart.* times are in seconds"):
+        make_schedule(recording)
+
+
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
@@ -90,6 +100,10 @@ def test_impossible_returns_are_dropped_and_counted():
         ({"odometry": []}, "holds no commands"),
         ({"odometry": [[2.0, 0, 0], [1.0, 0, 0]]}, "must not run backwards; row 2 is at 1 s after 2 s"),
         ({"truth": [[0.0, 1.0, np.nan, 0.0]]}, "truth: row 1 holds a number that is not finite"),
+        (
+            {"measurements": [[0.0, 1, 2.0, -31.5], [0.0, 2, 2.0, 1.0]]},
+            "in radians.* 1 of 2 .* at 31.5. Degrees",
+        ),
         ({"imu": [[0.0]]}, "unknown table 'imu'; a recording has odometry"),
     ],
 )
@@ -126,7 +140,12 @@ def test_columns_come_in_any_order_and_labels_as_words(tmp_path):
     [
         ("odometry.csv", "time,v,w\n0,1,2\n", "odometry.csv: expected a first line with the columns time, speed"),
         ("odometry.csv", "", "odometry.csv: expected a first line with the columns .* found nothing"),
-        ("measurements.csv", "time,label,range,bearing\n0,door,1,2\n", "measurements.csv: row 1 must hold 4 numbers"),
+        (
+            "measurements.csv",
+            "time,label,range,bearing\n0,door,1,2\n",
+            "measurements.csv: row 1 must hold 4 numbers .*, or as a label 'target' or 'unknown'; got 0, door",
+        ),
+        ("odometry.csv", "time;speed;turn_rate\n0;1;2\n", "columns are separated by commas"),
         ("odometry.csv", "time,speed,turn_rate\n0,1\n", "odometry.csv: row 1 must hold 3 numbers"),
     ],
 )
