@@ -29,9 +29,10 @@ class Calibrate:
     """Fit the numbers of a recorded robot against its recorded truth, for `slam-gym replay --calibration`.
 
     PATHs are recordings of one kind of robot: MRCLAM folders (every robot in them is used), folders of CSV files or
-    NPZ files as `slam-gym replay log` reads them, with truth and surveyed landmarks. Fitted are the systematic errors
-    of range and bearing, the delays, the odometry's scales, the noise of both, how long it persists, and how the
-    target wanders. Writes a TOML file, and a picture of the same name that shows the errors before and after.
+    NPZ files as `slam-gym replay log` reads them, with truth and surveyed landmarks, 200 s or longer. Fitted are the
+    systematic errors of range and bearing, the delays, the odometry's scales, the noise of both, how long it persists,
+    and how the target wanders. Writes a TOML file, and a picture of the same name that shows the errors before and
+    after.
 
     Example: slam-gym calibrate MRCLAM_Dataset7 --out my_robot.toml
              slam-gym replay mrclam MRCLAM_Dataset7 --robot 5 --target 1 --calibration my_robot.toml

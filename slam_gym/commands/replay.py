@@ -206,23 +206,24 @@ def _replay(settings: Settings, recordings: "list[Recording]", models: "ReplayMo
         pooled.to_csv(results.path / "pooled.csv", index=False)
     if many:
         _show_pooled(console, pooled)
-        console.print(f"Tables: {results.path} (Parquet, CSV, TUM)", soft_wrap=True, highlight=False)
+        console.print(f"Tables: {results.path} (Parquet, CSV, TUM)", soft_wrap=True, highlight=False, markup=False)
     else:
         _show(console, results, recordings[0])
     if settings.report:
         from slam_gym.report import write_report
 
-        console.print(f"Report: {write_report(results)}", soft_wrap=True, highlight=False)
+        console.print(f"Report: {write_report(results)}", soft_wrap=True, highlight=False, markup=False)
     return 0
 
 
 def _show_pooled(console: "Console", pooled: "pd.DataFrame") -> None:
     """One row per estimator over all recordings, as two tables."""
+    from rich.markup import escape
     from rich.table import Table
 
     console.print(f"{pooled['recordings'].max()} recordings, pooled\n", highlight=False)
     for title, columns in POOLED.items():
-        table = Table(title=title, title_justify="left", padding=(0, 1), box=None, header_style="bold")
+        table = Table(title=escape(title), title_justify="left", padding=(0, 1), box=None, header_style="bold")
         table.add_column("estimator", overflow="fold")
         for heading, *_ in columns:
             table.add_column(heading, justify="right", no_wrap=True)
@@ -251,19 +252,22 @@ def _folder(out: Path | None, name: str) -> Path:
 def _show(console: "Console", results: "Results", recording: "Recording") -> None:
     """The summary as two tables, with what was odd in the files."""
     duration = results.series["time"].max() if len(results.series) else 0.0
-    console.print(f"{recording.name}: {duration:.0f} s, {len(recording.sweep_times)} sweeps\n", highlight=False)
+    head = f"{recording.name}: {duration:.0f} s, {len(recording.sweep_times)} sweeps\n"
+    console.print(head, highlight=False, markup=False)
     _print_table(console, results, "RMSE [m, rad]", ACCURACY)
     _print_table(console, results, "NEES: 3 (pose) and 2 (landmarks, target) when honest", CONSISTENCY)
     console.print(LEGEND, style="dim", highlight=False)
-    for warning in results.warnings:
-        console.print(f"Note: {warning}", highlight=False, soft_wrap=True)
-    console.print(f"Tables: {results.path} (Parquet, CSV, TUM)", soft_wrap=True, highlight=False)
+    unscored = () if recording.truth is not None else ("there is no recorded truth, so nothing is scored",)
+    for warning in (*unscored, *results.warnings):
+        console.print(f"Note: {warning}", highlight=False, soft_wrap=True, markup=False)
+    console.print(f"Tables: {results.path} (Parquet, CSV, TUM)", soft_wrap=True, highlight=False, markup=False)
 
 
 def _print_table(
     console: "Console", results: "Results", title: str, columns: tuple[tuple[str, str, int, int], ...]
 ) -> None:
     """Columns that hold nothing are left out; so is a table without any."""
+    from rich.markup import escape
     from rich.table import Table
 
     from slam_gym.commands.summary import nees, number
@@ -271,7 +275,7 @@ def _print_table(
     shown = [column for column in columns if results.summary[column[1]].notna().any()]
     if not shown:
         return
-    table = Table(title=title, title_justify="left", padding=(0, 1), box=None, header_style="bold")
+    table = Table(title=escape(title), title_justify="left", padding=(0, 1), box=None, header_style="bold")
     table.add_column("estimator", overflow="fold")
     for heading, *_ in shown:
         table.add_column(heading, justify="right", no_wrap=True)

@@ -242,9 +242,15 @@ def test_the_command(tmp_path, capsys, monkeypatch):
     log_format.save(tmp_path / "circle", circle(3.0))
     words = ["replay", "log", "circle", "--scenario", "open", "--estimators", "ekf", "--noise-inflation", "4"]
     assert main([*words, "--no-report"]) == 0
-    assert "ekf (R x4)" in capsys.readouterr().out
+    said = capsys.readouterr().out
+    assert "ekf (R x4)" in said
+    assert "RMSE [m, rad]" in said
+    assert "Note: there is no recorded truth" not in said
     assert Results.load("results/replay-circle").summary["n_runs"].tolist() == [1, 1]
     assert main([*words, "--out", "results/replay-circle"]) == 2
     assert "never overwritten" in capsys.readouterr().err
+    (tmp_path / "circle" / "truth.csv").unlink()
+    assert main([*words, "--no-report"]) == 0
+    assert "Note: there is no recorded truth, so nothing is scored" in capsys.readouterr().out
     assert main(["replay", "mrclam", "nowhere", "--robot", "1", "--target", "2"]) == 2
     assert "expected an unpacked MRCLAM data set" in capsys.readouterr().err
