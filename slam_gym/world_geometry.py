@@ -8,6 +8,7 @@ import math
 from estimators.kernels.jit import inline
 
 FULL_CIRCLE = 2.0 * math.pi - 1e-6  # [rad], a field of view from which on nothing is out of it
+RIM = 1.0 - 1e-9  # of a squared radius: a point on the rim is outside, on whichever side of it rounding has left it
 
 
 @inline
@@ -42,7 +43,7 @@ def hidden(from_x, from_y, to_x, to_y, skip, x, at, radii, count):
                 return True
         else:  # the centre lies beyond the end: its rim may still cover it
             gx, gy = ex - dx, ey - dy
-            if gx * gx + gy * gy < r * r:
+            if gx * gx + gy * gy < RIM * r * r:
                 return True
     return False
 
