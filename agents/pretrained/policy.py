@@ -28,9 +28,9 @@ class Pretrained(Learned):
     256 worlds at once, paid by the default reward.
 
     It knows what it was trained in: with other pillars, a shorter range or a target that behaves otherwise it may do
-    worse than `pursuit`, and only `slam-gym evaluate ppo` can tell. In `discovery` and `evasive-hard` it ties with
-    `pursuit-hunt`, elsewhere it loses the target a little more often; its longest decision takes a tenth of the hunt's. A
-    policy of one's own: `slam-gym train`.
+    worse than `pursuit`, and only `slam-gym evaluate ppo` can tell. In time lost it ties with `pursuit-hunt` in all
+    scenarios but `revisit`, and its longest decision takes a tenth of the hunt's. A policy of one's own: `slam-gym
+    train`.
 
     Args:
         context: models and limits.
