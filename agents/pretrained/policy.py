@@ -29,7 +29,7 @@ class Pretrained(Learned):
 
     It knows what it was trained in: with other pillars, a shorter range or a target that behaves otherwise it may do
     worse than `pursuit`, and only `slam-gym evaluate ppo` can tell. In time lost it ties with `pursuit-hunt` in all
-    scenarios but `revisit`, and its longest decision takes a tenth of the hunt's. A policy of one's own: `slam-gym
+    scenarios but `revisit`, and its longest decision takes a seventh of the hunt's. A policy of one's own: `slam-gym
     train`.
 
     Args:
