@@ -3,7 +3,6 @@
 import math
 from typing import Any
 
-import numpy as np
 import pandas as pd
 
 from slam_gym.policies import is_reference
@@ -27,8 +26,7 @@ def gap_table(runs: pd.DataFrame) -> pd.DataFrame:
     told the truth is missing. Where one policy drove all estimators the share of time lost repeats for each.
 
     Columns: scenario, policy, estimator, metric; baseline, value, reference: pursuit's mean, the policy's, the
-    oracle's; closed, low, high: the share and its 95 % interval (`slam_gym.stats.gap_closed`); n runs, those in which
-    all three are finite.
+    oracle's; closed, low, high: the share and its 95 % interval; n: runs (`slam_gym.stats.Gap`).
     """
     rows: list[dict[str, Any]] = []
     for (scenario, estimator), group in runs.groupby(["scenario", "estimator"], sort=False):
@@ -50,14 +48,12 @@ def _rows(base: pd.DataFrame, part: pd.DataFrame, oracle: pd.DataFrame) -> list[
     for metric in METRICS:
         if metric not in base:
             continue
-        values = pd.concat([frame.loc[common, metric] for frame in (base, part, oracle)], axis=1)
-        b, x, o = (column for _, column in values[np.isfinite(values).all(axis=1)].items())
+        b, x, o = (frame.loc[common, metric] for frame in (base, part, oracle))
         found = gap_closed(b, x, o)
         if found.n and not (b.equals(x) and b.equals(o)):
-            rows.append({
-                "metric": metric, "baseline": b.mean(), "value": x.mean(), "reference": o.mean(),
-                "closed": found.closed, "low": found.low, "high": found.high, "n": found.n,
-            })  # fmt: skip
+            means = dict(zip(("baseline", "value", "reference"), found.means, strict=True))
+            rows.append({"metric": metric, **means, "closed": found.closed, "low": found.low, "high": found.high,
+                         "n": found.n})  # fmt: skip
     return rows
 
 

@@ -212,13 +212,15 @@ def crossed_difference(differences: ArrayLike, *, probability: float = 0.95) -> 
 class Gap:
     """Share of the way from a baseline to a reference that a method has gone: 0 the baseline, 1 the reference.
 
-    `low` and `high` are its interval, infinite where baseline and reference cannot be told apart; `n` runs count.
+    `low` and `high` are its interval, infinite where baseline and reference cannot be told apart. `n` runs count, those
+    in which all three are finite; `means`: of the baseline, the method and the reference in them.
     """
 
     closed: float
     low: float
     high: float
     n: int
+    means: tuple[float, float, float]
 
 
 def gap_closed(
@@ -249,15 +251,16 @@ def gap_closed(
     runs = runs[:, np.isfinite(runs).all(axis=0)]
     n = runs.shape[1]
     if n == 0:
-        return Gap(math.nan, math.nan, math.nan, 0)
-    closed = float(_share(runs.mean(axis=1)))
+        return Gap(math.nan, math.nan, math.nan, 0, (math.nan,) * 3)
+    base, own, best = map(float, runs.mean(axis=1))
+    closed, means = float(_share(np.array([base, own, best]))), (base, own, best)
     index = np.random.default_rng(seed).integers(n, size=(BOOTSTRAP_DRAWS, n))
     draws = np.stack([values[index].mean(axis=1) for values in runs])  # [3, draws]
     tail = 0.5 * (1.0 - probability)
     if n == 1 or np.mean(draws[0] <= draws[2]) > tail:
-        return Gap(closed, -math.inf, math.inf, n)
+        return Gap(closed, -math.inf, math.inf, n, means)
     low, high = np.quantile(_share(draws[:, draws[0] > draws[2]]), [tail, 1.0 - tail])
-    return Gap(closed, float(low), float(high), n)
+    return Gap(closed, float(low), float(high), n, means)
 
 
 def _share(means: Floats) -> Floats:

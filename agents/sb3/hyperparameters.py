@@ -159,9 +159,14 @@ def _argument(name: str, value: Any) -> Any:
 def _number(name: str, value: Any) -> Any:
     least, most = RANGES[name]
     if isinstance(value, bool) or not isinstance(value, (int, float)) or not least <= value <= most:
-        limits = "" if least == -math.inf else f" of at least {least:g}" if most == math.inf else f" from 0 to {most:g}"
-        raise ValueError(f"{name} must be a number{limits}; got {value!r}")
+        raise ValueError(f"{name} must be a number{_limits(least, most)}; got {value!r}")
     return value
+
+
+def _limits(least: float, most: float) -> str:
+    if least == -math.inf:
+        return ""
+    return f" of at least {least:g}" if most == math.inf else f" from {least:g} to {most:g}"
 
 
 def _schedule(name: str, text: str) -> Any:
@@ -175,6 +180,6 @@ def _schedule(name: str, text: str) -> Any:
 
 
 def _count(name: str, value: Any) -> int:
-    if isinstance(value, bool) or not isinstance(value, (int, float)) or value != int(value) or value < 1:
+    if isinstance(value, bool) or not isinstance(value, (int, float)) or not float(value).is_integer() or value < 1:
         raise ValueError(f"{name} must be a whole number of at least 1; got {value!r}")
     return int(value)

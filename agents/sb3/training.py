@@ -113,11 +113,10 @@ def load_scenario(settings: "Train") -> Scenario:
 def check_reward(settings: "Train", scenario: Scenario) -> None:
     """Raises ValueError where nothing that a policy does would be paid for."""
     chosen = dict(zip(reward.TERMS, reward.weights(parse_settings(settings.reward)), strict=True))
-    has_target = scenario.target.kind != "none"
-    if not has_target:
+    if not scenario.has_target:
         chosen.update(dict.fromkeys(reward.OF_THE_TARGET, 0.0))
     if not any(chosen.values()):
-        why = "with these weights" if has_target else f"{scenario.name!r} has no target, so with these weights"
+        why = "with these weights" if scenario.has_target else f"{scenario.name!r} has no target, so with these weights"
         raise ValueError(f"{why} every reward would be zero: give others, such as --reward localise=1 explore=1")
 
 

@@ -81,18 +81,13 @@ def retract_point(mu, work, lane, j, angle, c, s, a, b):
 
 
 @subroutine
-def balance(work, n, rows, square):
-    """The same two rows with d and e of one size, |d|^2 being `square`: their squares are then no larger than P."""
-    half, e_square = 0.5 * work[TURN, 2], 0.0
+def balance(work, n, half, square):
+    """What d is multiplied with, and e = TURN + half d divided by, for both to be of one size; |d|^2 is `square`."""
+    e_square = 0.0
     for i in range(n):
         e = work[TURN, i] + half * work[SHIFT, i]
         e_square += e * e
-    scale = max((e_square / square) ** 0.25, SMALLEST_SCALE)
-    for i in range(n):
-        d = scale * work[SHIFT, i]
-        e = (work[TURN, i] + half * work[SHIFT, i]) / scale
-        work[rows, i] = HALF_ROOT * (d - e)
-        work[rows + 1, i] = HALF_ROOT * (d + e)
+    return max((e_square / square) ** 0.25, SMALLEST_SCALE)
 
 
 @inline
@@ -100,18 +95,18 @@ def change_coordinates(P, work, lane, n, rows):
     """Settle the rows collected, then (b): P <- M P M', M = I + d e_phi', d in row SHIFT; P is gone over once.
 
     The added d e' + e d', e = P_phi + P_phiphi d / 2, is written as a difference of squares: it is symmetric to the
-    last bit.
+    last bit. Of a large d their squares would lose digits of P: d and e are of one size then.
     """
     keep_heading(P, work, lane, n, rows)
     half, square = 0.5 * work[TURN, 2], 0.0
     for i in range(n):
-        d = work[SHIFT, i]
-        e = work[TURN, i] + half * d
+        square += work[SHIFT, i] * work[SHIFT, i]
+    scale = balance(work, n, half, square) if square > FAR * FAR else 1.0
+    inverse = 1.0 / scale
+    for i in range(n):
+        d, e = scale * work[SHIFT, i], inverse * (work[TURN, i] + half * work[SHIFT, i])
         work[rows, i] = HALF_ROOT * (d - e)
         work[rows + 1, i] = HALF_ROOT * (d + e)
-        square += d * d
-    if square > FAR * FAR:
-        balance(work, n, rows, square)
     subtract_rows(P, lane, n, work, rows + 1, 1)
 
 

@@ -98,11 +98,6 @@ def is_writable(folder: Path) -> bool:
         return False
 
 
-def kernel_folder(file: Path) -> Path:
-    """Where the compiled kernels of a source file are kept, as it and what it imports are now."""
-    return cache_root() / f"{file.stem}-{source_stamp(file)}"
-
-
 class _StampedLocator(caching._CacheLocator):
     """Tells numba where this project's kernels are kept; declines every other function."""
 
@@ -111,7 +106,7 @@ class _StampedLocator(caching._CacheLocator):
         self._line = py_func.__code__.co_firstlineno
 
     def get_cache_path(self) -> str:
-        return str(kernel_folder(self._file))
+        return str(cache_root() / f"{self._file.stem}-{source_stamp(self._file)}")
 
     def get_source_stamp(self) -> str:
         return source_stamp(self._file)

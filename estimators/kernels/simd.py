@@ -17,7 +17,14 @@ from numba.extending import intrinsic
 
 WIDTH = 8  # numbers in a vector: P's rows come in blocks of as many
 _DOUBLE, INDEX = ir.DoubleType(), ir.IntType(64)
-VECTOR = ir.VectorType(_DOUBLE, WIDTH)
+
+
+def vector(size):
+    """The type of a vector of so many numbers."""
+    return ir.VectorType(_DOUBLE, size)
+
+
+VECTOR = vector(WIDTH)
 ALIGN = 8  # bytes: of a double, not of a vector
 FUSE = ("contract",)
 CACHE_LINE = 64  # bytes
@@ -77,11 +84,6 @@ def _add_strip(builder, start, side, n, column, rows, vectors):
             for factor, other in zip(factors, across, strict=True):
                 value = builder.fadd(value, builder.fmul(factor, other[k], flags=FUSE), flags=FUSE)
             builder.store(value, at, align=ALIGN)
-
-
-def vector(size):
-    """The type of a vector of so many numbers."""
-    return ir.VectorType(_DOUBLE, size)
 
 
 def vector_pointer(builder, pointer, size=WIDTH):
