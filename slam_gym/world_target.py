@@ -51,8 +51,8 @@ def _drift(lane, w, u0, u1, x, k):
     n0, n1 = normal_pair(u0, u1)
     at = k[TARGET_STATE] + 4 * lane
     kick = w.target_acceleration_density * math.sqrt(w.dt)
-    px, py, mirror_x, mirror_y = _inside(w, x[at] + w.dt * x[at + 2], x[at + 1] + w.dt * x[at + 3])
-    x[at], x[at + 1] = _out_of_pillars(lane, w, px, py, x, k)
+    px, py, mirror_x, mirror_y = _free(lane, w, x[at] + w.dt * x[at + 2], x[at + 1] + w.dt * x[at + 3], x, k)
+    x[at], x[at + 1] = px, py
     x[at + 2] = mirror_x * x[at + 2] + kick * n0
     x[at + 3] = mirror_y * x[at + 3] + kick * n1
     x[k[TARGET_HEADING] + lane] = wrap(math.atan2(x[at + 3], x[at + 2]))
@@ -70,8 +70,7 @@ def _drive(lane, w, u0, u1, u2, x, k):
         off = wrap(_wanted_heading(lane, w, u0, u1, u2, x, k) - heading)
         v, turn = w.target_speed, min(max(off / w.dt, -w.target_turn_max), w.target_turn_max)
     dx, dy, dphi = unicycle(v, turn, w.dt, heading)
-    px, py, mirror_x, mirror_y = _inside(w, x[at] + dx, x[at + 1] + dy)
-    px, py = _out_of_pillars(lane, w, px, py, x, k)
+    px, py, mirror_x, mirror_y = _free(lane, w, x[at] + dx, x[at + 1] + dy, x, k)
     heading = wrap(heading + dphi)
     if mirror_x < 0.0:
         heading = wrap(math.pi - heading)
@@ -118,22 +117,25 @@ def _along_walls(w, px, py, wanted):
 
 
 @inline
-def _inside(w, px, py):
-    """The nearest place inside the walls, and per axis -1 where the motion is reflected."""
-    if w.arena_walls == 0:
-        return px, py, 1.0, 1.0
-    half_x, half_y = 0.5 * w.arena_width, 0.5 * w.arena_height
+def _free(lane, w, px, py, x, k):
+    """Where a target that would go to (px, py) gets to, and per axis -1 where its motion is reflected.
+
+    Walls reflect it, and it slides around pillars, itself a point. Where a pillar that reaches into a wall would push it
+    out of the arena is a dead end: it stays where it stands and turns round.
+    """
+    half_x, half_y = math.inf, math.inf
+    if w.arena_walls == 1:
+        half_x, half_y = 0.5 * w.arena_width, 0.5 * w.arena_height
     to_x, to_y = min(max(px, -half_x), half_x), min(max(py, -half_y), half_y)
-    return to_x, to_y, (1.0 if to_x == px else -1.0), (1.0 if to_y == py else -1.0)
-
-
-@inline
-def _out_of_pillars(lane, w, px, py, x, k):
-    """The target slides around the pillars, itself a point."""
+    mirror_x, mirror_y = 1.0 if to_x == px else -1.0, 1.0 if to_y == py else -1.0
     if w.landmarks_radius == 0.0:
-        return px, py
+        return to_x, to_y, mirror_x, mirror_y
     first = k[NUM_LANDMARKS] * lane
-    return pushed_out(px, py, 0.0, x, k[LANDMARKS] + 2 * first, k[RADIUS] + first, k[k[COUNT] + lane])
+    to_x, to_y = pushed_out(to_x, to_y, 0.0, x, k[LANDMARKS] + 2 * first, k[RADIUS] + first, k[k[COUNT] + lane])
+    if abs(to_x) <= half_x and abs(to_y) <= half_y:
+        return to_x, to_y, mirror_x, mirror_y
+    at = k[TARGET_STATE] + 4 * lane
+    return x[at], x[at + 1], -1.0, -1.0
 
 
 @inline

@@ -238,9 +238,10 @@ def test_constant_velocity_changes_by_white_acceleration():
     np.testing.assert_allclose(headings[-1], np.arctan2(states[-1, :, 3], states[-1, :, 2]), atol=1e-12)
 
 
+@pytest.mark.parametrize("radius", [0.0, 1.2], ids=["open", "pillars that reach into the walls"])
 @pytest.mark.parametrize("kind", ["constant-velocity", "twist", "waypoints", "evasive"])
-def test_walls_hold_the_target(kind):
-    overrides = {"target.kind": kind, "target.speed": 2.0, "target.turn_rate": 0.05}
+def test_walls_hold_the_target(kind, radius):
+    overrides = {"target.kind": kind, "target.speed": 2.0, "target.turn_rate": 0.05, "landmarks.radius": radius}
     states, _, _ = follow(300, 30, command=(1.0, 0.2), **overrides)
     assert (np.abs(states[..., :2]) <= 10.0).all()
     assert np.abs(states[-1, :, :2] - states[150, :, :2]).max() > 1.0
