@@ -101,16 +101,19 @@ def _wanted_heading(lane, w, u0, u1, u2, x, k):
     if w.target_kind != EVASIVE or dx * dx + dy * dy > w.target_flee_distance * w.target_flee_distance:
         return math.atan2(gy, gx)
     away = math.atan2(dy, dx)
-    return _along_walls(w, x[at], x[at + 1], away) if w.arena_walls == 1 else away
+    return _along_walls(lane, w, away, x, k) if w.arena_walls == 1 else away
 
 
 @inline
-def _along_walls(w, px, py, wanted):
-    """The heading nearest to `wanted` whose next metres stay inside the walls."""
-    ahead = max(1.0, w.target_speed)
+def _along_walls(lane, w, wanted, x, k):
+    """The heading nearest to `wanted` whose next metres lead neither into a wall nor between one and a pillar."""
+    at, ahead = k[TARGET_STATE] + 4 * lane, max(1.0, w.target_speed)
     for i in range(SIDE_STEPS):
         way = wanted + SIDE_STEP * ((i + 1) // 2) * (1.0 if i % 2 == 0 else -1.0)
-        to_x, to_y = px + ahead * math.cos(way), py + ahead * math.sin(way)
+        to_x, to_y = x[at] + ahead * math.cos(way), x[at + 1] + ahead * math.sin(way)
+        if w.landmarks_radius > 0.0:
+            first = k[NUM_LANDMARKS] * lane
+            to_x, to_y = pushed_out(to_x, to_y, 0.0, x, k[LANDMARKS] + 2 * first, k[RADIUS] + first, k[k[COUNT] + lane])
         if abs(to_x) <= 0.5 * w.arena_width and abs(to_y) <= 0.5 * w.arena_height:
             return way
     return wanted
@@ -120,8 +123,8 @@ def _along_walls(w, px, py, wanted):
 def _free(lane, w, px, py, x, k):
     """Where a target that would go to (px, py) gets to, and per axis -1 where its motion is reflected.
 
-    Walls reflect it, and it slides around pillars, itself a point. Where a pillar that reaches into a wall would push it
-    out of the arena is a dead end: it stays where it stands and turns round.
+    Walls reflect it, and it slides around pillars, itself a point. Where a pillar that reaches into a wall would push
+    it out of the arena is a dead end: it stays where it stands and turns round.
     """
     half_x, half_y = math.inf, math.inf
     if w.arena_walls == 1:
