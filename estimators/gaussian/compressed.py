@@ -19,6 +19,7 @@ from estimators.gaussian.postponed import (
     past_slots,
     restart,
 )
+from estimators.gaussian.shrinking import has_shrunk, is_sharp
 from estimators.gaussian.vague_target import AT_MEAN, sort_out, take_back
 from estimators.interface import Belief, Floats, Ints, Scan
 from estimators.kernels.association import slot_of
@@ -60,19 +61,22 @@ def compressed_update(
 ):  # fmt: skip
     """`ekf.update` of the active part; a sweep that holds more landmarks than it has room for is taken by the whole.
 
-    Afterwards `slots` names landmarks of the whole state.
+    So is one whose returns are very sharp (`estimators.gaussian.shrinking`). Afterwards `slots` names landmarks of the
+    whole state.
     """
     capacity = a_ids.shape[1]
     for i in range(lanes.size):
         lane = lanes[i]
         n = counts[lane]
         known, new = look_up(lane, count, ids, a_count, a_ids, ranges, bearings, labels, n, slots)
-        fits = count[lane] + new <= ids.shape[1]
-        if not fits or a_count[lane] + 2 * known + new > capacity:
+        for_all = count[lane] + new > ids.shape[1] or is_sharp(
+            lane, P, a_P, models[lane], n_t, count, ids, a_count, a_ids, target_known, ranges, bearings, labels, n
+        )
+        if for_all or a_count[lane] + 2 * known + new > capacity:
             awaken(lane, mu, P, a_mu, a_P, n_t, count, a_count, a_ids, whole, rows, C, weights, block, line, low_rank)
             restart(lane, mu, P, a_mu, a_P, n_t, a_count, a_ids, live)
             known, new = look_up(lane, count, ids, a_count, a_ids, ranges, bearings, labels, n, slots)
-            if not fits or a_count[lane] + 2 * known + new > capacity:
+            if for_all or a_count[lane] + 2 * known + new > capacity:
                 update(
                     mu, P, models, n_t, count, ids, first, next_id, target_known, pending, counters, last_dt, ranges,
                     bearings, labels, counts, code, gates, slots, cost, work, lanes[i : i + 1],
@@ -91,6 +95,9 @@ def compressed_update(
         for k in range(n):
             if slots[lane, k] >= 0:
                 slots[lane, k] = whole[lane, slots[lane, k]]
+        if has_shrunk(lane, P, a_P, n_t, a_count, a_ids, whole):
+            awaken(lane, mu, P, a_mu, a_P, n_t, count, a_count, a_ids, whole, rows, C, weights, block, line, low_rank)
+            restart(lane, mu, P, a_mu, a_P, n_t, a_count, a_ids, live)
 
 
 @jit
