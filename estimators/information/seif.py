@@ -36,13 +36,15 @@ from estimators.kernels.motion import (
     unicycle_noise,
 )
 from estimators.kernels.range_bearing import gradient, measure, noise_std
+from estimators.kernels.rounding import offset_variance
 from estimators.kernels.simd import aligned_zeros
 from estimators.models import TWIST, MotionModel, SensorModel, TargetModel
 
 NOTHING, POINT, STATE = 0, 1, 2
-PRIOR_FLOOR = (
-    1e-4  # [m], [rad], [m/s]: a prior more certain than that has no information matrix that numbers could hold
-)
+# A prior more certain than that has no information matrix that numbers could hold; nor has a return whose variance is
+# a smaller share of H diag(P) H', the robot and the point that it shows taken as independent.
+PRIOR_FLOOR = 1e-4  # [m], [rad], [m/s]
+RETURN_FLOOR = 1e-11
 
 
 @inline
@@ -96,13 +98,18 @@ def move_target_information(mu, Omega, work, Q, lane, n, model, dt):
 def agree(P, Omega, work, C, lane, n, n_t, count, active, target_known, pending, held):
     """Bring Omega in line with P where the target has entered it, or was forgotten (marginalised) there.
 
-    What rounding then leaves of the passive landmarks' links is not struck out but deactivated: where returns are
+    The return that it entered by is floored as any other, by what its position's variances are raised. What rounding
+    then leaves of the passive landmarks' links is not struck out but deactivated: where returns are
     sharp, it is large enough for Omega to lose its definiteness with it.
     """
     state = STATE if target_known[lane] else POINT if pending[lane, 0] > 0.0 else NOTHING
     if state == held[lane]:
         return
     held[lane] = state
+    if state != NOTHING:
+        least = RETURN_FLOOR * offset_variance(P, lane, ROBOT)
+        for i in range(ROBOT, ROBOT + 2):
+            P[lane, i, i] += least
     invert(P, lane, n, Omega, C)
     for slot in range(count):
         if not active[lane, slot]:
@@ -127,12 +134,21 @@ def predict(
 
 
 @inline
-def take_in(mu, Omega, b, lane, j, model, distance, bearing):
+def floored(P, lane, j, r, range_std, bearing_std):
+    """Deviations of a return that Omega can hold beside what was known: R at least RETURN_FLOOR of H diag(P) H'."""
+    spread = offset_variance(P, lane, j)
+    least_range, least_bearing = RETURN_FLOOR * spread, RETURN_FLOOR * (spread / (r * r) + P[lane, 2, 2])
+    return math.sqrt(max(range_std * range_std, least_range)), math.sqrt(max(bearing_std * bearing_std, least_bearing))
+
+
+@inline
+def take_in(mu, P, Omega, b, lane, j, model, distance, bearing):
     """Omega += H' R^-1 H and b += H' R^-1 y of one return, everything at the mean before the sweep."""
     dx, dy = mu[lane, j] - mu[lane, 0], mu[lane, j + 1] - mu[lane, 1]
     r, expected = measure(dx, dy, mu[lane, 2])
     a00, a01, a10, a11 = gradient(dx, dy)
     range_std, bearing_std = noise_std(model, r)
+    range_std, bearing_std = floored(P, lane, j, r, range_std, bearing_std)
     add_sighting(Omega, lane, j, a00, a01, a10, a11, 0.0, -1.0, range_std, bearing_std)
     y0 = (distance - r) / (range_std * range_std)
     y1 = wrap(bearing - expected) / (bearing_std * bearing_std)
@@ -145,7 +161,7 @@ def take_in(mu, Omega, b, lane, j, model, distance, bearing):
 
 
 @inline
-def link_new(mu, Omega, lane, n_t, model, ranges, bearings, slots, num_returns, before, count):
+def link_new(mu, P, Omega, lane, n_t, model, ranges, bearings, slots, num_returns, before, count):
     """A new landmark has no prior: its first return is all its information."""
     for slot in range(before, count):
         for k in range(num_returns):
@@ -153,6 +169,7 @@ def link_new(mu, Omega, lane, n_t, model, ranges, bearings, slots, num_returns, 
                 j = ROBOT + n_t + 2 * slot
                 a00, a01, a10, a11 = gradient(mu[lane, j] - mu[lane, 0], mu[lane, j + 1] - mu[lane, 1])
                 range_std, bearing_std = noise_std(model, ranges[lane, k])
+                range_std, bearing_std = floored(P, lane, j, ranges[lane, k], range_std, bearing_std)
                 add_sighting(Omega, lane, j, a00, a01, a10, a11, 0.0, -1.0, range_std, bearing_std)
                 break
 
@@ -186,7 +203,7 @@ def update_one(
         if slot < 0 and not is_target:
             continue
         used = True
-        take_in(mu, Omega, b, lane, ROBOT if is_target else ROBOT + n_t + 2 * slot, model, ranges[lane, k],
+        take_in(mu, P, Omega, b, lane, ROBOT if is_target else ROBOT + n_t + 2 * slot, model, ranges[lane, k],
                 bearings[lane, k])  # fmt: skip
         if slot >= 0:
             active[lane, slot], unseen[lane, slot] = True, 0
@@ -206,7 +223,7 @@ def update_one(
         last_dt[lane],
     )  # fmt: skip
     n = rows_in_use(n_t, count[lane])
-    link_new(mu, Omega, lane, n_t, model, ranges, bearings, slots, num_returns, before, count[lane])
+    link_new(mu, P, Omega, lane, n_t, model, ranges, bearings, slots, num_returns, before, count[lane])
     for slot in range(before, count[lane]):
         active[lane, slot], unseen[lane, slot] = True, 0
     agree(P, Omega, work, C, lane, n, n_t, count[lane], active, target_known, pending, held)
@@ -268,8 +285,8 @@ class SEIF(GaussianEstimator):
     association) are recovered by dense factorisations, O(n^3).
 
     Known weakness: overconfident, the more so the fewer landmarks stay active: conditioning on the passive ones takes
-    their uncertainty for zero. On top of that the EKF's own. A prior is widened by 1e-4 (m, rad). An unlabelled false
-    alarm stays in the map.
+    their uncertainty for zero. On top of that the EKF's own. A prior is widened by 1e-4 (m, rad), and no return is
+    believed beyond three millionths of what was uncertain. An unlabelled false alarm stays in the map.
 
     Reference: Thrun, Liu, Koller, Ng, Ghahramani and Durrant-Whyte, "Simultaneous localization and mapping with sparse
     extended information filters", IJRR 2004; Thrun, Burgard and Fox, "Probabilistic Robotics", 2005, chapter 12;
