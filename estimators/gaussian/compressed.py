@@ -14,6 +14,7 @@ from estimators.gaussian.postponed import (
     SUMS,
     adopt,
     awaken,
+    bring_up,
     fill_map,
     join,
     past_slots,
@@ -56,8 +57,8 @@ def look_up(lane, count, ids, a_count, a_ids, ranges, bearings, labels, num_retu
 @jit
 def compressed_update(
     mu, P, models, n_t, count, ids, first, next_id, target_known, pending, counters, last_dt, ranges, bearings, labels,
-    counts, code, gates, slots, cost, work, lanes, a_mu, a_P, a_count, a_ids, a_first, whole, live, rows, C, weights,
-    block, line, low_rank,
+    counts, code, gates, slots, cost, work, lanes, a_mu, a_P, a_count, a_ids, a_first, whole, live, roots, rows, C,
+    weights, block, line, low_rank,
 ):  # fmt: skip
     """`ekf.update` of the active part; a sweep that holds more landmarks than it has room for is taken by the whole.
 
@@ -73,19 +74,21 @@ def compressed_update(
             lane, P, a_P, models[lane], n_t, count, ids, a_count, a_ids, target_known, ranges, bearings, labels, n
         )
         if for_all or a_count[lane] + 2 * known + new > capacity:
-            awaken(lane, mu, P, a_mu, a_P, n_t, count, a_count, a_ids, whole, rows, C, weights, block, line, low_rank)
-            restart(lane, mu, P, a_mu, a_P, n_t, a_count, a_ids, live)
+            bring_up(
+                lane, mu, P, a_mu, a_P, n_t, count, a_count, a_ids, whole, live, roots, rows, C, weights, block, line,
+                low_rank,
+            )  # fmt: skip
             known, new = look_up(lane, count, ids, a_count, a_ids, ranges, bearings, labels, n, slots)
             if for_all or a_count[lane] + 2 * known + new > capacity:
                 update(
                     mu, P, models, n_t, count, ids, first, next_id, target_known, pending, counters, last_dt, ranges,
                     bearings, labels, counts, code, gates, slots, cost, work, lanes[i : i + 1],
                 )  # fmt: skip
-                restart(lane, mu, P, a_mu, a_P, n_t, a_count, a_ids, live)
+                restart(lane, mu, P, a_mu, a_P, n_t, a_count, a_ids, live, roots, rows)
                 continue
         for k in range(n):
             if slots[lane, k] != ASLEEP and live[lane, slots[lane, k]] == ASLEEP:
-                join(lane, slots[lane, k], mu, P, a_mu, a_P, n_t, a_count, a_ids, whole, live, ids, rows)
+                join(lane, slots[lane, k], mu, P, a_mu, a_P, n_t, a_count, a_ids, whole, live, ids, roots, rows)
         before = a_count[lane]
         update(
             a_mu, a_P, models, n_t, a_count, a_ids, a_first, next_id, target_known, pending, counters, last_dt, ranges,
@@ -96,20 +99,25 @@ def compressed_update(
             if slots[lane, k] >= 0:
                 slots[lane, k] = whole[lane, slots[lane, k]]
         if has_shrunk(lane, P, a_P, n_t, a_count, a_ids, whole):
-            awaken(lane, mu, P, a_mu, a_P, n_t, count, a_count, a_ids, whole, rows, C, weights, block, line, low_rank)
-            restart(lane, mu, P, a_mu, a_P, n_t, a_count, a_ids, live)
+            bring_up(
+                lane, mu, P, a_mu, a_P, n_t, count, a_count, a_ids, whole, live, roots, rows, C, weights, block, line,
+                low_rank,
+            )  # fmt: skip
 
 
 @jit
 def awaken_above(
-    limit, mu, P, a_mu, a_P, n_t, count, a_count, a_ids, whole, live, rows, C, weights, block, line, low_rank, lanes
+    limit, mu, P, a_mu, a_P, n_t, count, a_count, a_ids, whole, live, roots, rows, C, weights, block, line,
+    low_rank, lanes,
 ):  # fmt: skip
     """Bring those lanes up to date whose map is above the limit: landmarks are going to be removed."""
     for i in range(lanes.size):
         lane = lanes[i]
         if count[lane] > limit:
-            awaken(lane, mu, P, a_mu, a_P, n_t, count, a_count, a_ids, whole, rows, C, weights, block, line, low_rank)
-            restart(lane, mu, P, a_mu, a_P, n_t, a_count, a_ids, live)
+            bring_up(
+                lane, mu, P, a_mu, a_P, n_t, count, a_count, a_ids, whole, live, roots, rows, C, weights, block, line,
+                low_rank,
+            )  # fmt: skip
 
 
 class CompressedEKF(EKF):
@@ -174,8 +182,9 @@ class CompressedEKF(EKF):
         self.whole: Ints = np.zeros((L, S), dtype=np.int64)
         self.live: Ints = np.full((L, M), ASLEEP, dtype=np.int64)
         self.work = scratch(max(n, self.n_max))
+        self.roots: Floats = np.zeros((L, z, z))
         self._waking = (  # scratch of `awaken`
-            np.zeros((5, n), dtype=np.int64), np.zeros((z, z)), np.zeros((z + n + 1, z)), np.zeros((z, STRIP)),
+            np.zeros((4, n), dtype=np.int64), np.zeros((z, z)), np.zeros((z + n + 1, z)), np.zeros((z, STRIP)),
             np.zeros(STRIP), aligned_zeros(z, self.n_max),
         )  # fmt: skip
         core, marks = ([self.belief.buffers[name] for name in names] for names in (Belief._CORE, Belief._MAP))
@@ -185,12 +194,15 @@ class CompressedEKF(EKF):
         self._telling = np.zeros((SUMS, STRIP)), np.zeros((1, ROBOT + 2)), np.zeros((1, ROBOT + 2, ROBOT + 2))
         self._map = bind(
             fill_map, self.mu, self.P, self.a_mu, self.a_P, self.n_t, self.count, self.ids, self.a_count, self.a_ids,
-            self.whole, self.live, rows, weights, block, line, *self._telling, *marks, LATER,
+            self.whole, self.live, self.roots, rows, weights, block, line, *self._telling, *marks, LATER,
         )  # fmt: skip
 
     def _after_reset(self, lanes: Ints) -> None:
         for lane in lanes:
-            restart(lane, self.mu, self.P, self.a_mu, self.a_P, self.n_t, self.a_count, self.a_ids, self.live)
+            restart(
+                lane, self.mu, self.P, self.a_mu, self.a_P, self.n_t, self.a_count, self.a_ids, self.live, self.roots,
+                self._waking[0],
+            )  # fmt: skip
 
     def linear_points(self) -> tuple[Floats, int, int]:
         """See `GaussianEstimator.linear_points`."""
@@ -210,7 +222,7 @@ class CompressedEKF(EKF):
             compressed_update, self.mu, self.P, self.models, self.n_t, self.count, self.ids, self.first, self.next_id,
             self.target_known, self.pending, self.counters, self.last_dt, scan.ranges, scan.bearings, scan.labels,
             scan.count, self.association_code, self.gates, self.slots, self.cost, self.work, LATER, self.a_mu, self.a_P,
-            self.a_count, self.a_ids, self.a_first, self.whole, self.live, *self._waking,
+            self.a_count, self.a_ids, self.a_first, self.whole, self.live, self.roots, *self._waking,
         )  # fmt: skip
 
     def _corrections(self, scan: Scan) -> list[Call]:
@@ -229,7 +241,7 @@ class CompressedEKF(EKF):
         if self.budget is not None:
             waking = (
                 awaken_above, self.budget.limit, self.mu, self.P, self.a_mu, self.a_P, self.n_t, self.count,
-                self.a_count, self.a_ids, self.whole, self.live, *self._waking, LATER,
+                self.a_count, self.a_ids, self.whole, self.live, self.roots, *self._waking, LATER,
             )  # fmt: skip
             calls += [waking, self.budget.keeping(scan)]
         return calls
@@ -240,7 +252,7 @@ class CompressedEKF(EKF):
         one = slice(lane, lane + 1)
         awaken(
             0, mu, P, self.a_mu[one], self.a_P[one], self.n_t, self.count[one], self.a_count[one], self.a_ids[one],
-            self.whole[one], *self._waking,
+            self.whole[one], self.roots[one], *self._waking,
         )  # fmt: skip
         skip = 0 if self.target_known[lane] else self.n_t
         used = np.arange(ROBOT + self.n_t + 2 * self.count[lane])
@@ -249,4 +261,4 @@ class CompressedEKF(EKF):
 
     @property
     def _state_names(self) -> tuple[str, ...]:
-        return (*super()._state_names, "a_mu", "a_P", "a_count", "a_ids", "a_first", "whole", "live")
+        return (*super()._state_names, "a_mu", "a_P", "a_count", "a_ids", "a_first", "whole", "live", "roots")

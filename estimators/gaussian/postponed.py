@@ -2,23 +2,24 @@
 
 A sweep looks at few landmarks. Let a be robot, target and the landmarks looked at since some moment 0 (the active
 ones), b all others. As long as nothing looks at b, it changes through a alone: b = C z + what is independent of a,
-where P_ba(0) = C T' and z = T^-1 P_aa(0)^-1 a(0) is the past of a, up to a choice of T. So a filter of (a, z) is
-enough (the compressed filter of Guivant and Nebot 2001, whose phi and psi are cov(a, z) and -cov(z, z) with T = I). It
-starts with cov(a, z) = T and, as only changes of z matter, cov(z, z) = 0, z = 0. At any later moment, exactly,
+where z = L^-1 a(0) is the past of a and P_aa(0) = L L'. So a filter of (a, z) is enough (the compressed filter of
+Guivant and Nebot 2001, whose phi and psi are cov(a, z) and -cov(z, z) with z = P_aa(0)^-1 a(0)). It starts with
+cov(a, z) = L and, as only changes of z matter, cov(z, z) = 0, z = 0. At any later moment, exactly,
 
-    mean of b = mean(0) + C z,   P_ab = cov(a, z) C',   P_bb = P_bb(0) + C cov(z, z) C'.
+    C = P_ba(0) L'^-1,   mean of b = mean(0) + C z,   P_ab = cov(a, z) C',   P_bb = P_bb(0) + C cov(z, z) C'.
 
-A landmark of b joins a by these equations for its own rows, and its part of T: no other row moves. Returns see
-differences of positions, whose covariances are far smaller than those of the positions themselves, so T takes points
-relative to the robot: the columns of C are P_b,robot, and P_b,point - P_b,robot for each active point.
+A landmark of b joins a by these equations for its own rows, and its rows of L, (c, sqrt(P_jj(0) - c c')): no other row
+moves. Returns see differences of positions, whose covariances are far smaller than those of the positions themselves:
+P_aa(0) is nearly singular. Its root is less so, and z, of changes no larger than a standard deviation, loses no digits.
 
-In memory: `mu`, `P` are the whole state, of which what concerns b is as it was at moment 0, so that C is made of the
-rows of P of those whose past z is. `a_mu`, `a_P` are (a, z): robot, target, then slots of two rows each as in the whole
-state, those of z with the id `PAST`. `whole` [L, S] says which landmark of the whole state a slot is, or is the past
-of; the first `past_slots` are the past of robot and target. `live` [L, M] is a landmark's slot, or `ASLEEP`.
+In memory: `mu`, `P` are the whole state, of which what concerns b is as it was at moment 0. `a_mu`, `a_P` are (a, z):
+robot, target, then slots of two rows each as in the whole state, those of z with the id `PAST`. `roots` [L, rows of z,
+rows of z] is L, a row of zeros where nothing was uncertain. `whole` [L, S] says which landmark of the whole state a
+slot is, or is the past of; the first `past_slots` are the past of robot and target. `live` [L, M] is a landmark's slot,
+or `ASLEEP`.
 
-`rows` [5, >= rows of (a, z)] is scratch: the rows of z in (a, z); of each, whose past it is in the whole state, and
-relative to whose (or `ASLEEP`); the rows of a in (a, z) and in the whole state.
+`rows` [4, >= rows of (a, z)] is scratch: the rows of z in (a, z); of each, whose past it is in the whole state; the
+rows of a in (a, z) and in the whole state.
 """
 
 import math
@@ -42,8 +43,22 @@ def past_slots(n_t):
     return (ROBOT + n_t + 1) // 2
 
 
+@inline
+def append_root(lane, P, roots, rows, k):
+    """Row k of L by Cholesky's method, from the row of the whole state that `rows` names: C's row, and what is left."""
+    row = rows[1, k]
+    left = P[lane, row, row]
+    for q in range(k):
+        value = P[lane, row, rows[1, q]]
+        for i in range(q):
+            value -= roots[lane, q, i] * roots[lane, k, i]
+        roots[lane, k, q] = value / roots[lane, q, q] if roots[lane, q, q] > 0.0 else 0.0
+        left -= roots[lane, k, q] * roots[lane, k, q]
+    roots[lane, k, k] = math.sqrt(left) if left > _RANK_FLOOR * P[lane, row, row] else 0.0
+
+
 @jit
-def restart(lane, mu, P, a_mu, a_P, n_t, a_count, a_ids, live):
+def restart(lane, mu, P, a_mu, a_P, n_t, a_count, a_ids, live, roots, rows):
     """Robot and target of the whole state, and nobody else, are active from now on."""
     first, n = ROBOT + n_t, rows_in_use(n_t, a_count[lane])
     for i in range(n):
@@ -51,12 +66,12 @@ def restart(lane, mu, P, a_mu, a_P, n_t, a_count, a_ids, live):
         for j in range(n):
             a_P[lane, i, j] = 0.0
     for i in range(first):
-        a_mu[lane, i] = mu[lane, i]
+        a_mu[lane, i], rows[1, i] = mu[lane, i], i
         for j in range(first):
             a_P[lane, i, j] = P[lane, i, j]
-        a_P[lane, i, first + i] = a_P[lane, first + i, i] = 1.0
-    for d in range(min(2, n_t)):
-        a_P[lane, ROBOT + d, first + d] = a_P[lane, first + d, ROBOT + d] = 1.0
+        append_root(lane, P, roots, rows, i)
+        for j in range(i + 1):
+            a_P[lane, i, first + j] = a_P[lane, first + j, i] = roots[lane, i, j]
     a_count[lane] = past_slots(n_t)
     for slot in range(a_ids.shape[1]):
         a_ids[lane, slot] = PAST if slot < a_count[lane] else -1
@@ -66,7 +81,7 @@ def restart(lane, mu, P, a_mu, a_P, n_t, a_count, a_ids, live):
 
 @inline
 def past_rows(lane, n_t, a_count, a_ids, whole, rows):
-    """Fill the first three of `rows`; how many rows z has."""
+    """Fill the first two of `rows`; how many rows z has."""
     first, count = ROBOT + n_t, 0
     for slot in range(a_count[lane]):
         if a_ids[lane, slot] != PAST:
@@ -76,32 +91,25 @@ def past_rows(lane, n_t, a_count, a_ids, whole, rows):
             of = 2 * slot + d if own else first + 2 * whole[lane, slot] + d
             if own and of >= first:
                 continue
-            rows[0, count], rows[1, count], rows[2, count] = first + 2 * slot + d, of, ASLEEP
-            if not own:
-                rows[2, count] = d
-            elif of == ROBOT or of == ROBOT + 1:
-                rows[2, count] = of - ROBOT
+            rows[0, count], rows[1, count] = first + 2 * slot + d, of
             count += 1
     return count
 
 
 @inline
-def past_of(P, lane, row, rows, k):
-    """C at a row of the whole state."""
-    value = P[lane, row, rows[1, k]]
-    return value - P[lane, row, rows[2, k]] if rows[2, k] != ASLEEP else value
-
-
-@inline
-def load_past(P, lane, rows, z, start, width, block):
+def load_past(P, lane, rows, z, roots, start, width, block):
     """The transpose of C for `width` rows of the whole state from `start` on."""
     for k in range(z):
-        of, relative_to = rows[1, k], rows[2, k]
+        of, own = rows[1, k], roots[lane, k, k]
+        scale = 1.0 / own if own > 0.0 else 0.0
         for i in range(width):
             block[k, i] = P[lane, of, start + i]
-        if relative_to != ASLEEP:
+        for q in range(k):
+            weight = roots[lane, k, q]
             for i in range(width):
-                block[k, i] -= P[lane, relative_to, start + i]
+                block[k, i] -= weight * block[q, i]
+        for i in range(width):
+            block[k, i] *= scale
 
 
 @inline
@@ -109,31 +117,32 @@ def active_rows(lane, n_t, a_count, a_ids, whole, rows):
     """Fill the last two of `rows`; how many rows a has."""
     count = ROBOT + n_t
     for i in range(count):
-        rows[3, i] = rows[4, i] = i
+        rows[2, i] = rows[3, i] = i
     for slot in range(a_count[lane]):
         if a_ids[lane, slot] == PAST:
             continue
         for d in range(2):
-            rows[3, count], rows[4, count] = ROBOT + n_t + 2 * slot + d, ROBOT + n_t + 2 * whole[lane, slot] + d
+            rows[2, count], rows[3, count] = ROBOT + n_t + 2 * slot + d, ROBOT + n_t + 2 * whole[lane, slot] + d
             count += 1
     return count
 
 
 @jit
-def join(lane, landmark, mu, P, a_mu, a_P, n_t, a_count, a_ids, whole, live, ids, rows):
+def join(lane, landmark, mu, P, a_mu, a_P, n_t, a_count, a_ids, whole, live, ids, roots, rows):
     """A landmark becomes active: two rows of a, two of z."""
     z = past_rows(lane, n_t, a_count, a_ids, whole, rows)
     slot, first = a_count[lane], ROBOT + n_t
     old, g, r = rows_in_use(n_t, slot), first + 2 * landmark, first + 2 * slot
     for d in range(2):
+        rows[1, z + d] = g + d
+        append_root(lane, P, roots, rows, z + d)
         mean = mu[lane, g + d]
         for k in range(z):
-            mean += past_of(P, lane, g + d, rows, k) * a_mu[lane, rows[0, k]]
-        a_mu[lane, r + d] = mean
-        for k in range(z):
-            gain, row = past_of(P, lane, g + d, rows, k), rows[0, k]
+            gain, row = roots[lane, z + d, k], rows[0, k]
+            mean += gain * a_mu[lane, row]
             for i in range(old):
                 a_P[lane, r + d, i] += gain * a_P[lane, row, i]
+        a_mu[lane, r + d] = mean
     for d in range(2):
         for i in range(r):
             a_P[lane, i, r + d] = a_P[lane, r + d, i]
@@ -141,12 +150,14 @@ def join(lane, landmark, mu, P, a_mu, a_P, n_t, a_count, a_ids, whole, live, ids
         for e in range(d + 1):
             value = P[lane, g + d, g + e]
             for k in range(z):
-                value += past_of(P, lane, g + d, rows, k) * a_P[lane, rows[0, k], r + e]
+                value += roots[lane, z + d, k] * a_P[lane, rows[0, k], r + e]
             a_P[lane, r + d, r + e] = a_P[lane, r + e, r + d] = value
-    for d in range(2):  # this landmark's part of T
-        a_P[lane, r + d, r + 2 + d] = a_P[lane, r + 2 + d, r + d] = 1.0
-        a_P[lane, r + d, first + d] += 1.0
-        a_P[lane, first + d, r + d] += 1.0
+    for d in range(2):  # this landmark's rows of L
+        for k in range(z):
+            a_P[lane, r + d, rows[0, k]] += roots[lane, z + d, k]
+            a_P[lane, rows[0, k], r + d] += roots[lane, z + d, k]
+        for e in range(d + 1):
+            a_P[lane, r + d, r + 2 + e] = a_P[lane, r + 2 + e, r + d] = roots[lane, z + d, z + e]
     a_ids[lane, slot], a_ids[lane, slot + 1] = ids[lane, landmark], PAST
     whole[lane, slot] = whole[lane, slot + 1] = landmark
     live[lane, landmark] = slot
@@ -206,7 +217,7 @@ def combine(block, z, width, weights, w, out):
 
 @jit
 def awaken(
-    lane, mu, P, a_mu, a_P, n_t, count, a_count, a_ids, whole, rows, C, weights, block, line, low_rank
+    lane, mu, P, a_mu, a_P, n_t, count, a_count, a_ids, whole, roots, rows, C, weights, block, line, low_rank
 ):  # fmt: skip
     """Bring the whole state up to date: O(a n^2), as much as a sweep of a / 2 returns costs the full filter.
 
@@ -222,13 +233,13 @@ def awaken(
         for r in range(rank):
             weights[r, k] = C[k, r]
         for i in range(a):
-            weights[rank + i, k] = a_P[lane, rows[3, i], rows[0, k]]
+            weights[rank + i, k] = a_P[lane, rows[2, i], rows[0, k]]
         weights[rank + a, k] = a_mu[lane, rows[0, k]]
     for start in range(0, n, STRIP):
         width = min(STRIP, n - start)
-        load_past(P, lane, rows, z, start, width, block)
+        load_past(P, lane, rows, z, roots, start, width, block)
         for i in range(a):
-            at = rows[4, i] - start
+            at = rows[3, i] - start
             if at >= 0 and at < width:
                 for k in range(z):
                     block[k, at] = 0.0
@@ -239,25 +250,34 @@ def awaken(
         for r in range(a):
             combine(block, z, width, weights, rank + r, line)
             for i in range(width):
-                P[lane, rows[4, r], start + i] = line[i]
+                P[lane, rows[3, r], start + i] = line[i]
         combine(block, z, width, weights, rank + a, line)
         for i in range(width):
             mu[lane, start + i] += line[i]
     for i in range(a):
-        mu[lane, rows[4, i]] = a_mu[lane, rows[3, i]]
+        mu[lane, rows[3, i]] = a_mu[lane, rows[2, i]]
         for j in range(a):
-            P[lane, rows[4, i], rows[4, j]] = a_P[lane, rows[3, i], rows[3, j]]
+            P[lane, rows[3, i], rows[3, j]] = a_P[lane, rows[2, i], rows[2, j]]
     for j in range(n):
         for i in range(a):
-            P[lane, j, rows[4, i]] = P[lane, rows[4, i], j]
+            P[lane, j, rows[3, i]] = P[lane, rows[3, i], j]
     if rank > 0:
         subtract_rows(P, lane, n, low_rank, rank, 0)
 
 
 @jit
+def bring_up(
+    lane, mu, P, a_mu, a_P, n_t, count, a_count, a_ids, whole, live, roots, rows, C, weights, block, line, low_rank
+):  # fmt: skip
+    """`awaken` all, then `restart`."""
+    awaken(lane, mu, P, a_mu, a_P, n_t, count, a_count, a_ids, whole, roots, rows, C, weights, block, line, low_rank)
+    restart(lane, mu, P, a_mu, a_P, n_t, a_count, a_ids, live, roots, rows)
+
+
+@jit
 def fill_map(
-    mu, P, a_mu, a_P, n_t, count, ids, a_count, a_ids, whole, live, rows, weights, block, line, sums, point_mu, point_P,
-    landmark_count, landmark_id, landmark_mapped, mean, cov, rel, rel_cov, lanes,
+    mu, P, a_mu, a_P, n_t, count, ids, a_count, a_ids, whole, live, roots, rows, weights, block, line, sums, point_mu,
+    point_P, landmark_count, landmark_id, landmark_mapped, mean, cov, rel, rel_cov, lanes,
 ):  # fmt: skip
     """As `belief.fill_map`; what is asleep is worked out from z, and left as it is: O(a^2) for each landmark.
 
@@ -287,8 +307,8 @@ def fill_map(
             landmark_id[lane, slot] = ids[lane, slot] if used else -1
             at = 2 * slot % STRIP
             if at == 0 and used:
-                _changes(P, lane, rows, z, weights, ROBOT + n_t + 2 * slot, min(STRIP, 2 * (count[lane] - slot)), block,
-                         line, sums)  # fmt: skip
+                _changes(P, lane, rows, z, roots, weights, ROBOT + n_t + 2 * slot, min(STRIP, 2 * (count[lane] - slot)),
+                         block, line, sums)  # fmt: skip
             x, y, xx, xy, yy = 0.0, 0.0, 0.0, 0.0, 0.0
             if used:
                 _point(mu, P, a_mu, a_P, lane, n_t, slot, live[lane, slot], sums, at, point_mu, point_P)
@@ -303,9 +323,9 @@ def fill_map(
 
 
 @inline
-def _changes(P, lane, rows, z, weights, start, width, block, line, sums):
+def _changes(P, lane, rows, z, roots, weights, start, width, block, line, sums):
     """What z adds in `width` columns of the sleeping part, by the rows of `sums` named above."""
-    load_past(P, lane, rows, z, start, width, block)
+    load_past(P, lane, rows, z, roots, start, width, block)
     for q in range(ROBOT + 1):
         combine(block, z, width, weights, z + q, sums[q])
     for i in range(width):
