@@ -3,8 +3,8 @@
 Every lane draws its own models, start and map, so that one run meets tiny and huge noise, of motion, returns and target
 apart, known and rank-one starts on both sides of the wrap, landmarks scattered or crowded around the start and more of
 them than the map holds, sweeps of nothing and of everything at once, targets out of sight and ones that jump to within
-a nanometre of the robot. It leaves out returns more than `SHARPEST` decades better than the motion: a filter that
-linearises may then run off by kilometres, until rounding of P exceeds a return's variance and P is no covariance.
+a nanometre of the robot. Returns may be six decades better than the motion: a filter that linearises then runs off by
+kilometres, and what it holds of a millimetre is less than rounding (`estimators.kernels.rounding`).
 `SLAM_GYM_FUZZ=200` makes two hundred times as many steps as by default: ten million lane-steps of each Gaussian filter,
 a hundred thousand of each other one, in some minutes each.
 """
@@ -28,7 +28,6 @@ OPTIONAL = 0.1  # share of them that each set of options gets beside
 LANDMARKS, CAPACITY, WIDTH = 14, 12, 18
 DT = 0.1
 NEAR = 0.01  # chance per step that the target jumps to beside the robot, where the filter may forget and start anew
-SHARPEST = 3.0  # decades by which the noise of returns is below the motion's, at most
 OPTIONS = {
     "imm": {"target_kind": "imm"},
     "nearest": {"association": "nearest"},
@@ -62,11 +61,9 @@ class Fuzz:
         self.begin(np.arange(L))
 
     def _models(self):
-        """Noise over six decades, each lane's own for motion, returns and target; see `SHARPEST`."""
+        """Noise over six decades, each lane's own for motion, returns and target."""
         rng = self.rng
-        moved, driven = rng.uniform(-5.0, 1.0, 2)
-        seen = rng.uniform(max(-5.0, moved - SHARPEST), 1.0)
-        moved, seen, driven = 10.0**moved, 10.0**seen, 10.0**driven
+        moved, seen, driven = 10.0 ** rng.uniform(-5.0, 1.0, 3)
         motion = MotionModel(speed_std=0.3 * moved, turn_std=min(0.1 * moved, 1.0))
         reach = (30.0, 2.0 * np.pi) if rng.random() < 0.25 else (rng.uniform(2.0, 30.0), rng.uniform(0.5, 2.0 * np.pi))
         sensor = SensorModel(
