@@ -71,7 +71,7 @@ def compressed_update(
         n = counts[lane]
         known, new = look_up(lane, count, ids, a_count, a_ids, ranges, bearings, labels, n, slots)
         for_all = count[lane] + new > ids.shape[1] or is_sharp(
-            lane, P, a_P, models[lane], n_t, count, ids, a_count, a_ids, target_known, ranges, bearings, labels, n
+            lane, P, a_P, models[lane], n_t, a_count, a_ids, target_known, ranges, bearings, labels, n, slots
         )
         if for_all or a_count[lane] + 2 * known + new > capacity:
             bring_up(

@@ -17,28 +17,29 @@ LEAST = 1e-6  # of a variance: what has to be left of it
 
 
 @inline
-def _variance_of(lane, label, P, a_P, n_t, count, ids, a_count, a_ids, target_known):
+def _variance_of(lane, label, waiting, P, a_P, n_t, a_count, a_ids, target_known):
     """Of x and y together at the point that a return shows, at least; -1 where it is in no state yet."""
-    if label == TARGET:
-        return a_P[lane, ROBOT, ROBOT] + a_P[lane, ROBOT + 1, ROBOT + 1] if n_t > 0 and target_known[lane] else -1.0
+    if waiting >= 0:
+        j = ROBOT + n_t + 2 * waiting
+        return P[lane, j, j] + P[lane, j + 1, j + 1]  # since then it has only become less
     slot = slot_of(a_ids, lane, a_count[lane], label)
-    if slot >= 0:
-        j = ROBOT + n_t + 2 * slot
-        return a_P[lane, j, j] + a_P[lane, j + 1, j + 1]
-    slot = slot_of(ids, lane, count[lane], label)
-    j = ROBOT + n_t + 2 * slot
-    return P[lane, j, j] + P[lane, j + 1, j + 1] if slot >= 0 else -1.0  # a variance that waits has only become less
+    j = ROBOT if label == TARGET else ROBOT + n_t + 2 * slot
+    known = n_t > 0 and target_known[lane] if label == TARGET else slot >= 0
+    return a_P[lane, j, j] + a_P[lane, j + 1, j + 1] if known else -1.0
 
 
 @subroutine
-def is_sharp(lane, P, a_P, model, n_t, count, ids, a_count, a_ids, target_known, ranges, bearings, labels, num_returns):
-    """Whether a return's variance is below LEAST of H diag(P) H', its points and the robot taken as independent."""
+def is_sharp(lane, P, a_P, model, n_t, a_count, a_ids, target_known, ranges, bearings, labels, num_returns, slots):
+    """Whether a return's variance is below LEAST of H diag(P) H', its point and the robot taken as independent.
+
+    slots [L, >= num_returns]: the landmarks of the whole state that returns awaken, negative for the other returns.
+    """
     robot = a_P[lane, 0, 0] + a_P[lane, 1, 1]
     for k in range(num_returns):
         r = ranges[lane, k]
         if not usable(r, bearings[lane, k]):
             continue
-        point = _variance_of(lane, labels[lane, k], P, a_P, n_t, count, ids, a_count, a_ids, target_known)
+        point = _variance_of(lane, labels[lane, k], slots[lane, k], P, a_P, n_t, a_count, a_ids, target_known)
         range_std, bearing_std = noise_std(model, r)
         least = min(range_std, r * bearing_std)
         if point >= 0.0 and LEAST * (point + robot + r * r * a_P[lane, 2, 2]) > least * least:

@@ -8,7 +8,7 @@ import pytest
 from estimators import registry
 from estimators._recording import DT, MOTION, SENSOR, TARGET_MODEL
 from estimators.interface import TARGET, UNKNOWN, Belief, Scan
-from estimators.models import SensorModel, TargetModel
+from estimators.models import MotionModel, SensorModel, TargetModel
 from estimators.testing import checks
 
 TWIST = TargetModel(kind="twist", speed=0.3, turn_rate=0.1, speed_std=0.1, turn_std=0.1)
@@ -107,6 +107,30 @@ def test_it_is_the_full_filter(kind, active, drive):
     for lane in range(LANES):
         for ours, theirs in zip(compressed.joint(lane), full.joint(lane), strict=True):
             np.testing.assert_allclose(ours, theirs, rtol=0.0, atol=1e-10)
+
+
+def test_a_waiting_landmark_whose_variance_collapses_keeps_its_digits():
+    """B is mapped by a robot that is lost by 100 m; one sharp look at A, fourteen decades better, tells where both are.
+
+    While B waits it is P_bb(0) + C cov(z, z) C', a difference that fourteen decades leave nothing of.
+    """
+    motion, sensor = MotionModel(speed_std=1e3, turn_std=1e-5), SensorModel(range_std=1e-5, bearing_std=1e-5)
+    a, b, c = [(2.0, 0.5, 0)], [(3.0, -0.5, 1)], [(1.0, 0.0, 2)]
+    known = {}
+    for name, options in {"ekf": {}, "compressed-ekf": {"active": 1}}.items():
+        estimator = registry.make(name, motion, sensor, None, max_landmarks=3, **options)
+        estimator.reset(np.zeros(3), np.zeros((3, 3)), seeds=0)
+        for returns, speed in ((a, 0.0), (b, 1.0), (c, 0.0), (a, 0.0)):  # there is room for two
+            scan = Scan.empty(1, 1)
+            scan.ranges[0], scan.bearings[0], scan.labels[0] = np.array(returns).T
+            scan.count[0] = 1
+            if speed:
+                estimator.predict(np.array([[speed, 0.0]]), DT)
+            estimator.update(scan)
+        known[name] = estimator.belief.landmark_cov[0, :2].copy()
+    assert known["ekf"][1].max() < 1e-6 * 100.0**2
+    np.testing.assert_allclose(known["compressed-ekf"], known["ekf"], rtol=1e-6, atol=0.0)
+    assert np.linalg.eigvalsh(known["compressed-ekf"]).min() > 0.0
 
 
 def test_a_prior_of_the_target_and_lanes_that_go_by_themselves(drive):
