@@ -14,7 +14,7 @@ from estimators.kernels.information import diffuse, invert, shear_information
 from estimators.kernels.jit import jit
 from estimators.kernels.left_looking import scratch
 from estimators.kernels.simd import aligned_zeros
-from estimators.models import SensorModel, TargetModel
+from estimators.models import MotionModel, SensorModel, TargetModel
 from estimators.testing import checks
 
 TWIST = TargetModel(kind="twist", speed=0.3, turn_rate=0.1, speed_std=0.1, turn_std=0.1)
@@ -238,3 +238,20 @@ def test_overconfident_the_more_the_fewer_links(ring_world):
     cost = nees[3] - nees[20]
     assert cost.mean() > 3.0 * cost.std(ddof=1) / 10.0
     assert nees[20].mean() < nees[6].mean() < nees[3].mean()
+
+
+@pytest.mark.parametrize("prior", [1.0, 1e4], ids="{:g} m2".format)
+def test_a_target_a_nanometre_away_leaves_a_covariance(prior):
+    """Sixteen decades between what a return says and what was known: more than an information matrix can hold."""
+    motion, sensor = MotionModel(speed_std=3.0, turn_std=1.0), SensorModel(range_std=1e-6, bearing_std=2e-7)
+    filter_ = registry.make("seif", motion, sensor, TargetModel(), max_landmarks=4)
+    filter_.reset(np.zeros(3), prior * np.eye(3), seeds=0)
+    scan = Scan.empty(1, 4)
+    scan.ranges[0], scan.bearings[0] = (3.0, 2.0, 1e-3, 1e-9), (0.3, -0.7, 1.0, 0.2)
+    scan.labels[0], scan.count[0] = (0, 1, 2, TARGET), 4
+    for _ in range(30):
+        filter_.predict(np.zeros((1, 2)), 0.1)
+        filter_.update(scan)
+        for cov in (filter_.belief.pose_cov, filter_.belief.target_cov, filter_.belief.target_rel_cov):
+            values = np.linalg.eigvalsh(cov[0])
+            assert values[0] > -1e-9 * values[-1]
