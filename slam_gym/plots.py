@@ -12,6 +12,8 @@ import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Circle, Ellipse
+from matplotlib.ticker import LogLocator, NullFormatter
+from matplotlib.transforms import Bbox
 from scipy.stats import chi2
 
 from slam_gym.consistency import nees_bounds
@@ -137,6 +139,7 @@ def cost_against_accuracy(summary: pd.DataFrame) -> Figure:
     """Time per step against error; the ring's size grows with the pose's overconfidence."""
     figure, axis = new_figure(6.4, 4.2)
     look = styles(summary["estimator"])
+    points: dict[str, tuple[float, float]] = {}
     for row in summary.to_dict("records"):
         cost, error = row["predict_us"] + row["update_us"], row["robot_error_rmse"]
         if not (cost > 0 and math.isfinite(error) and error > 0):
@@ -145,13 +148,32 @@ def cost_against_accuracy(summary: pd.DataFrame) -> Figure:
         excess = max(1.0, row["pose_nees_mean"] / 3.0) if math.isfinite(row["pose_nees_mean"]) else 100.0
         axis.scatter([cost], [error], s=40.0 * min(excess, 30.0), facecolors="none", edgecolors=colour)
         axis.scatter([cost], [error], s=22, color=colour)
-        axis.annotate(row["estimator"], (cost, error), xytext=(7, 5), textcoords="offset points", fontsize=9)
+        points[row["estimator"]] = (cost, error)
     axis.set_xscale("log")
+    axis.xaxis.set_major_locator(LogLocator(subs=(1.0, 1.5, 2.0, 3.0, 5.0, 7.0)))
+    axis.xaxis.set_major_formatter("{x:g}")
+    axis.xaxis.set_minor_formatter(NullFormatter())
     axis.margins(x=0.22, y=0.15)
+    _name_points(axis, points)
     axis.set_xlabel("filter time per step, predict + update [us]")
     axis.set_ylabel("robot position RMSE [m]")
     axis.set_title("ring area = pose NEES / 3 (only the dot: honest)", fontsize=9, color=GREY)
     return figure
+
+
+def _name_points(axis: Axes, points: dict[str, tuple[float, float]]) -> None:
+    """A name beside each point, on the first side on which it covers no other; the axis has its limits."""
+    taken: list[Bbox] = []
+    for name, at in sorted(points.items(), key=lambda item: item[1]):
+        for x, y, side in ((7, 5, "left"), (7, -13, "left"), (-7, 5, "right"), (-7, -13, "right")):
+            label = axis.annotate(name, at, xytext=(x, y), textcoords="offset points", ha=side, fontsize=9)
+            extent = label.get_window_extent()
+            if not extent.count_overlaps(taken):
+                break
+            label.remove()
+        else:
+            label = axis.annotate(name, at, xytext=(7, 5), textcoords="offset points", fontsize=9)
+        taken.append(label.get_window_extent())
 
 
 def trajectories(tracks: pd.DataFrame, landmarks: pd.DataFrame, *, run: int | None = None) -> Figure:
@@ -170,6 +192,11 @@ def trajectories(tracks: pd.DataFrame, landmarks: pd.DataFrame, *, run: int | No
     for axis, name in zip(axes.ravel(), names, strict=False):
         _panel(axis, tracks[tracks["estimator"] == name], landmarks[landmarks["estimator"] == name])
         axis.set_title(name, fontsize=10)
+    for axis in axes.ravel()[max(0, len(names) - columns) : len(names)]:  # with nothing below
+        axis.set_xlabel("x [m]")
+        axis.tick_params(labelbottom=True)
+    for axis in axes[:, 0]:
+        axis.set_ylabel("y [m]")
     if names:
         handles, labels = axes[0, 0].get_legend_handles_labels()
         figure.legend(handles, labels, loc="outside upper center", ncols=min(4, 2 * columns), frameon=False, fontsize=9)
