@@ -7,7 +7,7 @@ from estimators.kernels.jit import inline
 from estimators.kernels.motion import unicycle
 from estimators.kernels.random import normal_pair, uniform4
 from slam_gym.world_draws import DRAW_TARGET, FIRST
-from slam_gym.world_geometry import pushed_out
+from slam_gym.world_geometry import pushed_out, touching
 from slam_gym.world_numbers import CONSTANT_VELOCITY, EVASIVE, RECORDED, TWIST
 from slam_gym.world_state import (
     COUNT,
@@ -27,7 +27,8 @@ from slam_gym.world_state import (
 
 ARRIVED = 0.5  # [m] from a waypoint: the target takes a new one
 BERTH = 0.3  # [m] between a waypoint and a pillar's rim
-SIDE_STEP = 0.6  # [rad], by which a fleeing target turns off a wall
+DEPTH = 1e-9  # [m] within a rim: from there on a target stands in the pillar, and not by rounding
+SIDE_STEP = 0.6  # [rad], by which a fleeing target turns off a wall or a dead end
 SIDE_STEPS = 12  # ways that it looks at, alternately left and right
 
 
@@ -51,7 +52,7 @@ def _drift(lane, w, u0, u1, x, k):
     n0, n1 = normal_pair(u0, u1)
     at = k[TARGET_STATE] + 4 * lane
     kick = w.target_acceleration_density * math.sqrt(w.dt)
-    px, py, mirror_x, mirror_y = _free(lane, w, x[at] + w.dt * x[at + 2], x[at + 1] + w.dt * x[at + 3], x, k)
+    px, py, mirror_x, mirror_y = _reached(lane, w, x[at] + w.dt * x[at + 2], x[at + 1] + w.dt * x[at + 3], x, k)
     x[at], x[at + 1] = px, py
     x[at + 2] = mirror_x * x[at + 2] + kick * n0
     x[at + 3] = mirror_y * x[at + 3] + kick * n1
@@ -70,7 +71,7 @@ def _drive(lane, w, u0, u1, u2, x, k):
         off = wrap(_wanted_heading(lane, w, u0, u1, u2, x, k) - heading)
         v, turn = w.target_speed, min(max(off / w.dt, -w.target_turn_max), w.target_turn_max)
     dx, dy, dphi = unicycle(v, turn, w.dt, heading)
-    px, py, mirror_x, mirror_y = _free(lane, w, x[at] + dx, x[at + 1] + dy, x, k)
+    px, py, mirror_x, mirror_y = _reached(lane, w, x[at] + dx, x[at + 1] + dy, x, k)
     heading = wrap(heading + dphi)
     if mirror_x < 0.0:
         heading = wrap(math.pi - heading)
@@ -92,9 +93,7 @@ def _wanted_heading(lane, w, u0, u1, u2, x, k):
         or u2 < -math.expm1(-w.target_waypoint_rate * w.dt)
     ):
         gx, gy = (u0 - 0.5) * w.arena_width, (u1 - 0.5) * w.arena_height
-        if w.landmarks_radius > 0.0:
-            first = k[NUM_LANDMARKS] * lane
-            gx, gy = pushed_out(gx, gy, BERTH, x, k[LANDMARKS] + 2 * first, k[RADIUS] + first, k[k[COUNT] + lane])
+        gx, gy = _out_of_pillars(lane, w, gx, gy, BERTH, x, k)
         x[goal], x[goal + 1] = gx, gy
         gx, gy = gx - x[at], gy - x[at + 1]
     dx, dy = x[at] - x[robot], x[at + 1] - x[robot + 1]
@@ -106,39 +105,52 @@ def _wanted_heading(lane, w, u0, u1, u2, x, k):
 
 @inline
 def _along_walls(lane, w, wanted, x, k):
-    """The heading nearest to `wanted` whose next metres lead neither into a wall nor between one and a pillar."""
+    """The heading nearest to `wanted` that leads, `ahead` metres on, into no wall or dead end."""
     at, ahead = k[TARGET_STATE] + 4 * lane, max(1.0, w.target_speed)
     for i in range(SIDE_STEPS):
         way = wanted + SIDE_STEP * ((i + 1) // 2) * (1.0 if i % 2 == 0 else -1.0)
         to_x, to_y = x[at] + ahead * math.cos(way), x[at + 1] + ahead * math.sin(way)
-        if w.landmarks_radius > 0.0:
-            first = k[NUM_LANDMARKS] * lane
-            to_x, to_y = pushed_out(to_x, to_y, 0.0, x, k[LANDMARKS] + 2 * first, k[RADIUS] + first, k[k[COUNT] + lane])
+        to_x, to_y = _out_of_pillars(lane, w, to_x, to_y, 0.0, x, k)
         if abs(to_x) <= 0.5 * w.arena_width and abs(to_y) <= 0.5 * w.arena_height:
             return way
     return wanted
 
 
 @inline
-def _free(lane, w, px, py, x, k):
+def _reached(lane, w, px, py, x, k):
     """Where a target that would go to (px, py) gets to, and per axis -1 where its motion is reflected.
 
     Walls reflect it, and it slides around pillars, itself a point. Where a pillar that reaches into a wall would push
-    it out of the arena is a dead end: it stays where it stands and turns round.
+    it out of the arena is a dead end: it stays where it stands, turns round and looks for another waypoint.
     """
     half_x, half_y = math.inf, math.inf
     if w.arena_walls == 1:
         half_x, half_y = 0.5 * w.arena_width, 0.5 * w.arena_height
-    to_x, to_y = min(max(px, -half_x), half_x), min(max(py, -half_y), half_y)
-    mirror_x, mirror_y = 1.0 if to_x == px else -1.0, 1.0 if to_y == py else -1.0
-    if w.landmarks_radius == 0.0:
-        return to_x, to_y, mirror_x, mirror_y
-    first = k[NUM_LANDMARKS] * lane
-    to_x, to_y = pushed_out(to_x, to_y, 0.0, x, k[LANDMARKS] + 2 * first, k[RADIUS] + first, k[k[COUNT] + lane])
+    in_x, in_y = min(max(px, -half_x), half_x), min(max(py, -half_y), half_y)
+    mirror_x, mirror_y = 1.0 if in_x == px else -1.0, 1.0 if in_y == py else -1.0
+    to_x, to_y = _out_of_pillars(lane, w, in_x, in_y, 0.0, x, k)
     if abs(to_x) <= half_x and abs(to_y) <= half_y:
         return to_x, to_y, mirror_x, mirror_y
-    at = k[TARGET_STATE] + 4 * lane
+    at, goal = k[TARGET_STATE] + 4 * lane, k[GOAL] + 2 * lane
+    if abs(x[at]) > half_x or abs(x[at + 1]) > half_y or _in_pillar(lane, x[at], x[at + 1], x, k):
+        return in_x, in_y, mirror_x, mirror_y  # a scenario has placed it there: it walks out
+    x[goal], x[goal + 1] = x[at], x[at + 1]
     return x[at], x[at + 1], -1.0, -1.0
+
+
+@inline
+def _out_of_pillars(lane, w, px, py, body, x, k):
+    """The nearest place of a disc outside the pillars."""
+    if w.landmarks_radius == 0.0:
+        return px, py
+    first = k[NUM_LANDMARKS] * lane
+    return pushed_out(px, py, body, x, k[LANDMARKS] + 2 * first, k[RADIUS] + first, k[k[COUNT] + lane])
+
+
+@inline
+def _in_pillar(lane, px, py, x, k):
+    first = k[NUM_LANDMARKS] * lane
+    return touching(px, py, -DEPTH, x, k[LANDMARKS] + 2 * first, k[RADIUS] + first, k[k[COUNT] + lane])
 
 
 @inline

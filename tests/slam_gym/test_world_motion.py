@@ -247,6 +247,24 @@ def test_walls_hold_the_target(kind, radius):
     assert np.abs(states[-1, :, :2] - states[150, :, :2]).max() > 1.0
 
 
+def test_a_dead_end_is_left_again():
+    """However rarely waypoints change: none that lies behind it is waited for."""
+    overrides = {"target.speed": 1.0, "target.waypoint_rate": 0.0, "landmarks.radius": 1.2, "landmarks.count": 30}
+    states, _, _ = follow(1500, 30, **overrides)
+    where = states[..., :2]
+    assert (np.abs(where) <= 10.0).all()
+    for start in range(0, 1500, 300):  # in each half minute everybody gets somewhere
+        assert np.ptp(where[start : start + 300], axis=0).max(axis=-1).min() > 1.0
+
+
+def test_a_target_that_begins_in_a_pillar_at_a_wall_walks_out():
+    placed = {"target.placed": "fixed", "target.start_x": 9.8, "target.start_y": 0.0, "target.speed": 1.0}
+    states, _, world = follow(200, 40, **placed, **{"landmarks.radius": 1.2, "landmarks.count": 30})
+    inside = np.linalg.norm(states[:, :, None, :2] - world.landmarks[None], axis=-1).min(axis=-1) < 1.2 - 1e-6
+    assert inside[0].any()
+    assert not inside[-1].any()
+
+
 def test_waypoints_change_at_their_rate():
     states, headings, _ = follow(400, 100, **{"target.speed": 0.5, "target.waypoint_rate": 0.3, "target.turn_max": 9.0})
     speed = np.hypot(states[1:, :, 2], states[1:, :, 3])
