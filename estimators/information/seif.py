@@ -9,7 +9,7 @@ Beside the family's `mu` and `P` it keeps
 """
 
 import math
-from typing import ClassVar, Literal
+from typing import Any, ClassVar, Literal
 
 import numpy as np
 
@@ -41,8 +41,8 @@ from estimators.kernels.simd import aligned_zeros
 from estimators.models import TWIST, MotionModel, SensorModel, TargetModel
 
 NOTHING, POINT, STATE = 0, 1, 2
-# A prior more certain than that has no information matrix that numbers could hold; nor has a return whose variance is
-# a smaller share of H diag(P) H', the robot and the point that it shows taken as independent.
+# What has no information matrix that numbers could hold: a prior that is more certain, and a return whose variance is a
+# smaller share of H diag(P) H', the robot and the point that it shows taken as independent.
 PRIOR_FLOOR = 1e-4  # [m], [rad], [m/s]
 RETURN_FLOOR = 1e-11
 
@@ -98,9 +98,9 @@ def move_target_information(mu, Omega, work, Q, lane, n, model, dt):
 def agree(P, Omega, work, C, lane, n, n_t, count, active, target_known, pending, held):
     """Bring Omega in line with P where the target has entered it, or was forgotten (marginalised) there.
 
-    The return that it entered by is floored as any other, by what its position's variances are raised. What rounding
-    then leaves of the passive landmarks' links is not struck out but deactivated: where returns are
-    sharp, it is large enough for Omega to lose its definiteness with it.
+    The return that it entered by is floored as any other: by it the variances of the target's position are raised. What
+    rounding then leaves of the passive landmarks' links is not struck out but deactivated: where returns are sharp, it
+    is large enough for Omega to lose its definiteness with it.
     """
     state = STATE if target_known[lane] else POINT if pending[lane, 0] > 0.0 else NOTHING
     if state == held[lane]:
@@ -222,11 +222,11 @@ def update_one(
         num_returns, code != KNOWN, slots, mu[lane, 0], mu[lane, 1], mu[lane, ROBOT], mu[lane, ROBOT + 1],
         last_dt[lane],
     )  # fmt: skip
+    agree(P, Omega, work, C, lane, n, n_t, before, active, target_known, pending, held)
     n = rows_in_use(n_t, count[lane])
     link_new(mu, P, Omega, lane, n_t, model, ranges, bearings, slots, num_returns, before, count[lane])
     for slot in range(before, count[lane]):
         active[lane, slot], unseen[lane, slot] = True, 0
-    agree(P, Omega, work, C, lane, n, n_t, count[lane], active, target_known, pending, held)
     if count[lane] > before:
         widened[lane] += keep_active(Omega, work, lane, n, n_t, count[lane], active, unseen, limit) > 0
         invert(Omega, lane, n, P, C)
@@ -335,6 +335,9 @@ class SEIF(GaussianEstimator):
         for array in (self.Omega, self.active, self.unseen, self.held, self.widened):
             array[lanes] = 0
         start(self.mu, self.P, self.Omega, self.n_t, self.target_known, self.held, self.factor, lanes)
+
+    def _scratch(self) -> tuple[Any, ...]:
+        return (*super()._scratch(), self.factor, self.noise, self.shift)
 
     @property
     def _state_names(self) -> tuple[str, ...]:
