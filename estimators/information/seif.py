@@ -98,18 +98,15 @@ def move_target_information(mu, Omega, work, Q, lane, n, model, dt):
 def agree(P, Omega, work, C, lane, n, n_t, count, active, target_known, pending, held):
     """Bring Omega in line with P where the target has entered it, or was forgotten (marginalised) there.
 
-    The return that it entered by is floored as any other: by it the variances of the target's position are raised. What
-    rounding then leaves of the passive landmarks' links is not struck out but deactivated: where returns are sharp, it
-    is large enough for Omega to lose its definiteness with it.
+    What rounding then leaves of the passive landmarks' links is not struck out but deactivated: where returns are
+    sharp, it is large enough for Omega to lose its definiteness with it.
     """
     state = STATE if target_known[lane] else POINT if pending[lane, 0] > 0.0 else NOTHING
     if state == held[lane]:
         return
     held[lane] = state
     if state != NOTHING:
-        least = RETURN_FLOOR * offset_variance(P, lane, ROBOT)
-        for i in range(ROBOT, ROBOT + 2):
-            P[lane, i, i] += least
+        widen(P, lane, ROBOT)
     invert(P, lane, n, Omega, C)
     for slot in range(count):
         if not active[lane, slot]:
@@ -139,6 +136,14 @@ def floored(P, lane, j, r, range_std, bearing_std):
     spread = offset_variance(P, lane, j)
     least_range, least_bearing = RETURN_FLOOR * spread, RETURN_FLOOR * (spread / (r * r) + P[lane, 2, 2])
     return math.sqrt(max(range_std * range_std, least_range)), math.sqrt(max(bearing_std * bearing_std, least_bearing))
+
+
+@inline
+def widen(P, lane, j):
+    """The same for a point that has just entered P by its first return, at row j."""
+    least = RETURN_FLOOR * offset_variance(P, lane, j)
+    for i in range(j, j + 2):
+        P[lane, i, i] += least
 
 
 @inline
@@ -222,11 +227,12 @@ def update_one(
         num_returns, code != KNOWN, slots, mu[lane, 0], mu[lane, 1], mu[lane, ROBOT], mu[lane, ROBOT + 1],
         last_dt[lane],
     )  # fmt: skip
-    agree(P, Omega, work, C, lane, n, n_t, before, active, target_known, pending, held)
     n = rows_in_use(n_t, count[lane])
     link_new(mu, P, Omega, lane, n_t, model, ranges, bearings, slots, num_returns, before, count[lane])
     for slot in range(before, count[lane]):
         active[lane, slot], unseen[lane, slot] = True, 0
+        widen(P, lane, ROBOT + n_t + 2 * slot)
+    agree(P, Omega, work, C, lane, n, n_t, count[lane], active, target_known, pending, held)
     if count[lane] > before:
         widened[lane] += keep_active(Omega, work, lane, n, n_t, count[lane], active, unseen, limit) > 0
         invert(Omega, lane, n, P, C)
