@@ -7,7 +7,7 @@ where this one is, drives one path, whatever it thinks: the same in every world,
 can see through, a sensor that never misses and a path fitted to these very worlds, the shortest mean time to find is
 less than any policy's. A beam looks for that path, so it is a bound as far as the beam finds the best one.
 Then policies drive in the same worlds, and the share of the gap to the oracle that they close is told; and once more
-where pillars hide nothing and the sensor never misses, as for that path.
+where pillars hide nothing and the sensor never misses, as for that path. They still have to drive around pillars.
 """
 
 import sys
@@ -69,11 +69,11 @@ def main(worlds=400, width=100, steps=400, seed=0):
     bound = soonest(*targets(scenario, worlds, steps, seed), scenario, width)
     print(f"mean time to find in {worlds} worlds [s]: bound without knowing {bound:.2f}")
     policies = ["pursuit", "pursuit-hunt", "oracle"]
-    for words, overrides in {"as it is": {}, "where nothing hides and no look misses": CLEAR}.items():
+    for world, overrides in {"as it is": {}, "where nothing hides and no look misses": CLEAR}.items():
         runs = compare(scenario, ["ri-ekf"], policies, runs=worlds, steps=steps, seed=seed, overrides=overrides).runs
         found = runs.groupby("policy", sort=False)["find_time"].mean()
         gap = found["pursuit"] - found["oracle"]
-        print(f"\n{words}:")
+        print(f"\n{world}:")
         for name, value in {**found, "bound": bound}.items():
             print(f"{name:16} {value:6.2f}   closes {(found['pursuit'] - value) / gap:5.2f} of the gap to the oracle")
 

@@ -150,19 +150,22 @@ def cost_against_accuracy(summary: pd.DataFrame) -> Figure:
         axis.scatter([cost], [error], s=22, color=colour)
         points[row["estimator"]] = (cost, error)
     axis.set_xscale("log")
-    axis.xaxis.set_major_locator(LogLocator(subs=(1.0, 1.5, 2.0, 3.0, 5.0, 7.0)))
+    costs = [cost for cost, _ in points.values()] or [1.0]
+    narrow = max(costs) < 30.0 * min(costs)
+    axis.xaxis.set_major_locator(LogLocator(subs=(1.0, 1.5, 2.0, 3.0, 5.0, 7.0) if narrow else (1.0,)))
     axis.xaxis.set_major_formatter("{x:g}")
     axis.xaxis.set_minor_formatter(NullFormatter())
     axis.margins(x=0.22, y=0.15)
-    _name_points(axis, points)
     axis.set_xlabel("filter time per step, predict + update [us]")
     axis.set_ylabel("robot position RMSE [m]")
     axis.set_title("ring area = pose NEES / 3 (only the dot: honest)", fontsize=9, color=GREY)
+    figure.draw_without_rendering()  # limits and places are final
+    _name_points(axis, points)
     return figure
 
 
 def _name_points(axis: Axes, points: dict[str, tuple[float, float]]) -> None:
-    """A name beside each point, on the first side on which it covers no other; the axis has its limits."""
+    """A name beside each point, on the first side on which it covers no other name; once all else has its place."""
     taken: list[Bbox] = []
     for name, at in sorted(points.items(), key=lambda item: item[1]):
         for x, y, side in ((7, 5, "left"), (7, -13, "left"), (-7, 5, "right"), (-7, -13, "right")):

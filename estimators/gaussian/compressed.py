@@ -70,25 +70,31 @@ def compressed_update(
         lane = lanes[i]
         n = counts[lane]
         known, new = look_up(lane, count, ids, a_count, a_ids, ranges, bearings, labels, n, slots)
-        for_all = count[lane] + new > ids.shape[1] or is_sharp(
-            lane, P, a_P, models[lane], n_t, a_count, a_ids, target_known, ranges, bearings, labels, n, slots
-        )
-        if for_all or a_count[lane] + 2 * known + new > capacity:
+        fits = count[lane] + new <= ids.shape[1]
+        if not fits or a_count[lane] + 2 * known + new > capacity:
             bring_up(
                 lane, mu, P, a_mu, a_P, n_t, count, a_count, a_ids, whole, live, roots, rows, C, weights, block, line,
                 low_rank,
             )  # fmt: skip
             known, new = look_up(lane, count, ids, a_count, a_ids, ranges, bearings, labels, n, slots)
-            if for_all or a_count[lane] + 2 * known + new > capacity:
-                update(
-                    mu, P, models, n_t, count, ids, first, next_id, target_known, pending, counters, last_dt, ranges,
-                    bearings, labels, counts, code, gates, slots, cost, work, lanes[i : i + 1],
+        fits = fits and a_count[lane] + 2 * known + new <= capacity
+        if fits:
+            for k in range(n):
+                if slots[lane, k] != ASLEEP and live[lane, slots[lane, k]] == ASLEEP:
+                    join(lane, slots[lane, k], mu, P, a_mu, a_P, n_t, a_count, a_ids, whole, live, ids, roots, rows)
+            if is_sharp(lane, a_P, models[lane], n_t, a_count, a_ids, target_known, ranges, bearings, labels, n):
+                fits = False
+                bring_up(
+                    lane, mu, P, a_mu, a_P, n_t, count, a_count, a_ids, whole, live, roots, rows, C, weights, block,
+                    line, low_rank,
                 )  # fmt: skip
-                restart(lane, mu, P, a_mu, a_P, n_t, a_count, a_ids, live, roots, rows)
-                continue
-        for k in range(n):
-            if slots[lane, k] != ASLEEP and live[lane, slots[lane, k]] == ASLEEP:
-                join(lane, slots[lane, k], mu, P, a_mu, a_P, n_t, a_count, a_ids, whole, live, ids, roots, rows)
+        if not fits:
+            update(
+                mu, P, models, n_t, count, ids, first, next_id, target_known, pending, counters, last_dt, ranges,
+                bearings, labels, counts, code, gates, slots, cost, work, lanes[i : i + 1],
+            )  # fmt: skip
+            restart(lane, mu, P, a_mu, a_P, n_t, a_count, a_ids, live, roots, rows)
+            continue
         before = a_count[lane]
         update(
             a_mu, a_P, models, n_t, a_count, a_ids, a_first, next_id, target_known, pending, counters, last_dt, ranges,

@@ -10,13 +10,13 @@ cov(a, z) = L and, as only changes of z matter, cov(z, z) = 0, z = 0. At any lat
 
 A landmark of b joins a by these equations for its own rows, and its rows of L, (c, sqrt(P_jj(0) - c c')): no other row
 moves. Returns see differences of positions, whose covariances are far smaller than those of the positions themselves:
-P_aa(0) is nearly singular. Its root is less so, and z, of changes no larger than a standard deviation, loses no digits.
+P_aa(0) is nearly singular. Its root is less so, and z, of changes no larger than a standard deviation, loses few
+digits. Where nothing more was uncertain, L has a pivot and a column of zeros, and so has C.
 
 In memory: `mu`, `P` are the whole state, of which what concerns b is as it was at moment 0. `a_mu`, `a_P` are (a, z):
 robot, target, then slots of two rows each as in the whole state, those of z with the id `PAST`. `roots` [L, rows of z,
-rows of z] is L, a row of zeros where nothing was uncertain. `whole` [L, S] says which landmark of the whole state a
-slot is, or is the past of; the first `past_slots` are the past of robot and target. `live` [L, M] is a landmark's slot,
-or `ASLEEP`.
+rows of z] is L. `whole` [L, S] says which landmark of the whole state a slot is, or is the past of; the first
+`past_slots` are the past of robot and target. `live` [L, M] is a landmark's slot, or `ASLEEP`.
 
 `rows` [4, >= rows of (a, z)] is scratch: the rows of z in (a, z); of each, whose past it is in the whole state; the
 rows of a in (a, z) and in the whole state.
@@ -34,7 +34,7 @@ PAST = -9  # an id that no return carries
 ASLEEP = -1  # a landmark outside the active ones
 STRIP = 64  # columns of P that are worked on together: they stay in the first cache
 _MEAN, _VARIANCE, _NEXT, SUMS = ROBOT, ROBOT + 1, ROBOT + 2, ROBOT + 3  # rows of sums; the first are with the robot
-_RANK_FLOOR = 1e-16  # a pivot below this times the number of rows counts as zero; diagonals are scaled to one
+_RANK_FLOOR = 1e-16  # of a diagonal entry (and per row, in `factor`): a pivot below it counts as zero
 
 
 @inline
@@ -100,8 +100,8 @@ def past_rows(lane, n_t, a_count, a_ids, whole, rows):
 def load_past(P, lane, rows, z, roots, start, width, block):
     """The transpose of C for `width` rows of the whole state from `start` on."""
     for k in range(z):
-        of, own = rows[1, k], roots[lane, k, k]
-        scale = 1.0 / own if own > 0.0 else 0.0
+        of, pivot = rows[1, k], roots[lane, k, k]
+        scale = 1.0 / pivot if pivot > 0.0 else 0.0
         for i in range(width):
             block[k, i] = P[lane, of, start + i]
         for q in range(k):

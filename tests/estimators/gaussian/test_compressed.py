@@ -7,6 +7,8 @@ import pytest
 
 from estimators import registry
 from estimators._recording import DT, MOTION, SENSOR, TARGET_MODEL
+from estimators.gaussian.postponed import PAST, past_slots
+from estimators.gaussian.shrinking import has_shrunk
 from estimators.interface import TARGET, UNKNOWN, Belief, Scan
 from estimators.models import MotionModel, SensorModel, TargetModel
 from estimators.testing import checks
@@ -131,6 +133,23 @@ def test_a_waiting_landmark_whose_variance_collapses_keeps_its_digits():
     assert known["ekf"][1].max() < 1e-6 * 100.0**2
     np.testing.assert_allclose(known["compressed-ekf"], known["ekf"], rtol=1e-6, atol=0.0)
     assert np.linalg.eigvalsh(known["compressed-ekf"]).min() > 0.0
+
+
+def test_the_whole_is_brought_up_to_date_once_a_variance_has_shrunk_by_six_decades():
+    """Of the robot, or of a landmark that has waited; not of one without a past, nor of a target that was forgotten."""
+    n_t, count = 4, past_slots(4) + 3
+    ids, whole = np.array([[PAST] * past_slots(4) + [5, PAST, 7]]), np.zeros((1, count), dtype=np.int64)
+    whole[0, past_slots(4)], whole[0, -1] = 1, 0
+    P, waited, new = np.eye(12)[None].copy(), 3 + n_t + 2 * past_slots(4), 3 + n_t + 2 * (count - 1)
+
+    def shrunk(row, variance):
+        a_P = np.eye(3 + n_t + 2 * count)[None].copy()
+        a_P[0, row, row] = variance
+        return has_shrunk(0, P, a_P, n_t, np.array([count]), ids, whole)
+
+    assert [shrunk(row, 0.9e-6) for row in (1, waited, new)] == [True, True, False]
+    assert [shrunk(row, 1.1e-6) for row in (1, waited, new)] == [False, False, False]
+    assert not shrunk(4, 0.0)
 
 
 def test_a_prior_of_the_target_and_lanes_that_go_by_themselves(drive):
