@@ -23,14 +23,14 @@ class Pretrained(Learned):
     There are three, of `default`, `discovery` and `evasive-hard`; agents/pretrained/README.md has the commands, and
     what came of them there and in the other scenarios. Each is two layers of 128 tanh units on the flat observation
     (`slam-gym list SlamTarget-v0`) with the cloud of a lost target (`slam_gym.observation_cloud`), on the belief of
-    ri-ekf; an action lasts 0.4 s. In `evasive-hard` the cloud learns whether the target flees.
-    `slam-gym train` first had it imitate a policy that looks for lost targets, `pursuit-hunt`, then try for itself in
-    256 worlds at once, paid by the default reward.
+    ri-ekf; an action lasts 0.4 s. The cloud learns whether the target flees. `slam-gym train` first had it imitate a
+    policy that looks for lost targets, `pursuit-hunt`, then try for itself in 256 worlds at once, paid by the default
+    reward.
 
     It knows what it was trained in: with other pillars, a shorter range or a target that behaves otherwise it may do
-    worse than `pursuit`, and only `slam-gym evaluate ppo` can tell. In time lost it ties with `pursuit-hunt` in all
-    scenarios but `revisit`, and its longest decision takes a seventh of the hunt's. A policy of one's own: `slam-gym
-    train`.
+    worse than `pursuit`, and only `slam-gym evaluate ppo` can tell. It knows the target about as well as `pursuit-hunt`
+    and loses it somewhat longer where it flees; its longest decision takes a seventh of the hunt's. A policy of one's
+    own: `slam-gym train`.
 
     Args:
         context: models and limits.
