@@ -2,12 +2,9 @@
 
 python examples/09_how_soon_without_knowing.py [worlds] [plans kept] [steps]
 
-Until the target is seen a robot only ever learns "not yet". So a policy that knows how targets begin and move, but not
-where this one is, drives one path, whatever it thinks: the same in every world, but for the pillars. With pillars one
-can see through, a sensor that never misses and a path fitted to these very worlds, the shortest mean time to find is
-less than any policy's. A beam looks for that path, so it is a bound as far as the beam finds the best one.
-Then policies drive in the same worlds, and the share of the gap to the oracle that they close is told; and once more
-where pillars hide nothing and the sensor never misses, as for that path. They still have to drive around pillars.
+Until the target is seen a robot only learns "not yet". So who knows how targets begin and move, but not where this one
+is, drives one path, the same in every world but for the pillars. Where nothing hides and no look misses, the best path
+for these very worlds finds sooner than any policy, as far as a beam finds it. Policies drive both there and as it is.
 """
 
 import sys
@@ -68,9 +65,9 @@ def main(worlds=400, width=100, steps=400, seed=0):
     scenario = Scenario.load("discovery")
     bound = soonest(*targets(scenario, worlds, steps, seed), scenario, width)
     print(f"mean time to find in {worlds} worlds [s]: bound without knowing {bound:.2f}")
-    policies = ["pursuit", "pursuit-hunt", "oracle"]
     for world, overrides in {"as it is": {}, "where nothing hides and no look misses": CLEAR}.items():
-        runs = compare(scenario, ["ri-ekf"], policies, runs=worlds, steps=steps, seed=seed, overrides=overrides).runs
+        options = {"runs": worlds, "steps": steps, "seed": seed, "overrides": overrides}
+        runs = compare(scenario, ["ri-ekf"], ["pursuit", "pursuit-hunt", "oracle"], **options).runs
         found = runs.groupby("policy", sort=False)["find_time"].mean()
         gap = found["pursuit"] - found["oracle"]
         print(f"\n{world}:")
