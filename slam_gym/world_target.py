@@ -27,7 +27,7 @@ from slam_gym.world_state import (
 
 ARRIVED = 0.5  # [m] from a waypoint: the target takes a new one
 BERTH = 0.3  # [m] between a waypoint and a pillar's rim
-DEPTH = 1e-9  # [m] within a rim: from there on a target stands in the pillar, and not by rounding
+DEPTH = 1e-9  # [m] within a rim
 SIDE_STEP = 0.6  # [rad], by which a fleeing target turns off a wall or a dead end
 SIDE_STEPS = 12  # ways that it looks at, alternately left and right
 
@@ -140,7 +140,7 @@ def _reached(lane, w, px, py, x, k):
 
 @inline
 def _out_of_pillars(lane, w, px, py, body, x, k):
-    """The nearest place of a disc outside the pillars."""
+    """The nearest place outside the pillars for a disc of radius `body`."""
     if w.landmarks_radius == 0.0:
         return px, py
     first = k[NUM_LANDMARKS] * lane
@@ -149,6 +149,7 @@ def _out_of_pillars(lane, w, px, py, body, x, k):
 
 @inline
 def _in_pillar(lane, px, py, x, k):
+    """Whether a point is deeper in a pillar than rounding leaves one that slides along its rim."""
     first = k[NUM_LANDMARKS] * lane
     return touching(px, py, -DEPTH, x, k[LANDMARKS] + 2 * first, k[RADIUS] + first, k[k[COUNT] + lane])
 

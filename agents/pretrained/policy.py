@@ -29,8 +29,8 @@ class Pretrained(Learned):
 
     It knows what it was trained in: with other pillars, a shorter range or a target that behaves otherwise it may do
     worse than `pursuit`, and only `slam-gym evaluate ppo` can tell. It knows the target about as well as `pursuit-hunt`
-    and loses it somewhat longer where it flees; its longest decision takes a seventh of the hunt's. A policy of one's
-    own: `slam-gym train`.
+    and loses it longer in `revisit` and where it flees; its longest decision takes a seventh of the hunt's. A policy of
+    one's own: `slam-gym train`.
 
     Args:
         context: models and limits.

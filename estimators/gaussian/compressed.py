@@ -189,7 +189,7 @@ class CompressedEKF(EKF):
         self.live: Ints = np.full((L, M), ASLEEP, dtype=np.int64)
         self.work = scratch(max(n, self.n_max))
         self.roots: Floats = np.zeros((L, z, z))
-        self._waking = (  # scratch of `awaken`
+        self._waking = (  # scratch of `bring_up` and what it consists of
             np.zeros((4, n), dtype=np.int64), np.zeros((z, z)), np.zeros((z + n + 1, z)), np.zeros((z, STRIP)),
             np.zeros(STRIP), aligned_zeros(z, self.n_max),
         )  # fmt: skip

@@ -269,7 +269,7 @@ def awaken(
 def bring_up(
     lane, mu, P, a_mu, a_P, n_t, count, a_count, a_ids, whole, live, roots, rows, C, weights, block, line, low_rank
 ):  # fmt: skip
-    """`awaken` all, then `restart`."""
+    """Bring the whole state up to date (`awaken`), and count from now on (`restart`)."""
     awaken(lane, mu, P, a_mu, a_P, n_t, count, a_count, a_ids, whole, roots, rows, C, weights, block, line, low_rank)
     restart(lane, mu, P, a_mu, a_P, n_t, a_count, a_ids, live, roots, rows)
 

@@ -4,7 +4,8 @@ Beside the family's `mu` and `P` it keeps
 
     Omega [L, n_max, n_max]        the information matrix; P is its inverse
     active [L, M], unseen [L, M]   landmarks linked with robot or target; sweeps since each was seen
-    held [L]                       what Omega holds of the target: NOTHING, a POINT seen once (twist), the whole STATE
+    held [L]                       what Omega holds of the target: NOTHING, a POINT seen once (twist), the whole STATE;
+                                   ROUNDED where Omega is to be worked out anew from P
     widened [L]                    sweeps that held more landmarks than may be active
 """
 
@@ -36,15 +37,16 @@ from estimators.kernels.motion import (
     unicycle_noise,
 )
 from estimators.kernels.range_bearing import gradient, measure, noise_std
-from estimators.kernels.rounding import offset_variance
+from estimators.kernels.rounding import independent_variances, offset_variance
 from estimators.kernels.simd import aligned_zeros
 from estimators.models import TWIST, MotionModel, SensorModel, TargetModel
 
-NOTHING, POINT, STATE = 0, 1, 2
+ROUNDED, NOTHING, POINT, STATE = -1, 0, 1, 2
 # What has no information matrix that numbers could hold: a prior that is more certain, and a return whose variance is a
 # smaller share of H diag(P) H', the robot and the point that it shows taken as independent.
 PRIOR_FLOOR = 1e-4  # [m], [rad], [m/s]
 RETURN_FLOOR = 1e-11
+MOTION_FLOOR = 1e-6  # of a body's information: what a motion has to leave of it, or the rest is mostly rounding
 
 
 @inline
@@ -96,7 +98,7 @@ def move_target_information(mu, Omega, work, Q, lane, n, model, dt):
 
 @subroutine
 def agree(P, Omega, work, C, lane, n, n_t, count, active, target_known, pending, held):
-    """Bring Omega in line with P where the target has entered it, or was forgotten (marginalised) there.
+    """Bring Omega in line with P where the target has entered it or was forgotten (marginalised) there, or is ROUNDED.
 
     What rounding then leaves of the passive landmarks' links is not struck out but deactivated: where returns are
     sharp, it is large enough for Omega to lose its definiteness with it.
@@ -124,23 +126,30 @@ def predict(
             continue
         n = rows_in_use(n_t, count[lane])
         agree(P, Omega, work, C, lane, n, n_t, count[lane], active, target_known, pending, held)
+        for j in range(ROBOT + n_t):
+            C[0, j] = Omega[lane, j, j]
         move_robot_information(mu, Omega, work, Q, lane, n, models[lane], control[lane, 0], control[lane, 1], dt[lane])
         if n_t > 0 and target_known[lane]:
             move_target_information(mu, Omega, work, Q, lane, n, models[lane], dt[lane])
+        for j in range(ROBOT + n_t):
+            if Omega[lane, j, j] < MOTION_FLOOR * C[0, j]:
+                held[lane] = ROUNDED
     predict_gaussian(mu, P, models, n_t, count, target_known, pending, control, dt, last_dt, lanes)
 
 
 @inline
 def floored(P, lane, j, r, range_std, bearing_std):
     """Deviations of a return that Omega can hold beside what was known: R at least RETURN_FLOOR of H diag(P) H'."""
-    spread = offset_variance(P, lane, j)
-    least_range, least_bearing = RETURN_FLOOR * spread, RETURN_FLOOR * (spread / (r * r) + P[lane, 2, 2])
-    return math.sqrt(max(range_std * range_std, least_range)), math.sqrt(max(bearing_std * bearing_std, least_bearing))
+    h0, h1 = independent_variances(P, lane, j, r, 0.0, -1.0)
+    return (
+        math.sqrt(max(range_std * range_std, RETURN_FLOOR * h0)),
+        math.sqrt(max(bearing_std * bearing_std, RETURN_FLOOR * h1)),
+    )
 
 
 @inline
 def widen(P, lane, j):
-    """The same for a point that has just entered P by its first return, at row j."""
+    """The floor for a point that has just entered P by its first return, at row j: its variances are raised by it."""
     least = RETURN_FLOOR * offset_variance(P, lane, j)
     for i in range(j, j + 2):
         P[lane, i, i] += least

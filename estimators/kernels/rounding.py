@@ -48,11 +48,18 @@ def blunted(P, work, lane, n, h0, h1, range_std, bearing_std):
 
 
 @inline
+def independent_variances(P, lane, j, r, c0, c1):
+    """H diag(P) H' (h0, h1) of a point at row j, r away, for H = [-A, (c0, c1), A], A the gradient: at most that."""
+    spread, turn = offset_variance(P, lane, j), P[lane, 2, 2]
+    return spread + c0 * c0 * turn, spread / (r * r) + c1 * c1 * turn
+
+
+@inline
 def blunted_by_distance(P, work, lane, n, j, r, c0, c1, range_std, bearing_std):
     """The same for H = [-A, (c0, c1), A], A the gradient at a point r away: one comparison where nothing changes."""
     spread = offset_variance(P, lane, j)
     least, turn = min(range_std, r * bearing_std), P[lane, 2, 2]
     if FLOOR * (spread + (c0 * c0 + c1 * c1 * r * r) * turn) > least * least:
-        h0, h1 = spread + c0 * c0 * turn, spread / (r * r) + c1 * c1 * turn
+        h0, h1 = independent_variances(P, lane, j, r, c0, c1)
         return blunted(P, work, lane, n, h0, h1, range_std, bearing_std)
     return range_std, bearing_std

@@ -1,5 +1,7 @@
 """Pictures that a few odd numbers must not spoil."""
 
+import itertools
+
 import numpy as np
 import pandas as pd
 import pytest
@@ -44,3 +46,18 @@ def test_a_filter_that_goes_wrong_stays_in_sight(honest):
 
 def test_nothing_to_show():
     assert picture(series_of(none=np.full(400, np.nan)))[1] == ""
+
+
+@pytest.mark.parametrize("apart", [1.0, 1.02, 1.3, 300.0])
+def test_names_of_the_cost_picture_keep_off_each_other(apart):
+    names = ["ekf", "independent", "ri-taylor-ekf", "fej-ekf"]
+    cost = 3.0 * apart ** np.arange(4.0)
+    summary = pd.DataFrame({"estimator": names, "predict_us": cost, "update_us": cost, "robot_error_rmse": 0.3,
+                            "pose_nees_mean": 3.0})  # fmt: skip
+    figure = plots.cost_against_accuracy(summary)
+    figure.draw_without_rendering()
+    labels = [text.get_window_extent() for text in figure.axes[0].texts]
+    assert [text.get_text() for text in figure.axes[0].texts] == names
+    assert all(one.count_overlaps(labels[:i]) == 0 for i, one in enumerate(labels))
+    ticks = [tick.get_window_extent() for tick in figure.axes[0].get_xticklabels() if tick.get_text()]
+    assert all(not one.overlaps(other) for one, other in itertools.pairwise(ticks))

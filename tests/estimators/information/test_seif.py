@@ -255,3 +255,24 @@ def test_a_target_a_nanometre_away_leaves_a_covariance(prior):
         for cov in (filter_.belief.pose_cov, filter_.belief.target_cov, filter_.belief.target_rel_cov):
             values = np.linalg.eigvalsh(cov[0])
             assert values[0] > -1e-9 * values[-1]
+
+
+def test_a_motion_that_leaves_only_rounding_of_omega():
+    """Omega is P's inverse still where a target a few micrometres off, known to 1e-9 m, moves on by decimetres."""
+    motion, sensor = MotionModel(speed_std=1.2, turn_std=0.4), SensorModel(range_std=7e-6, bearing_std=1.4e-6)
+    filter_ = registry.make("seif", motion, sensor, TargetModel(acceleration_density=0.1), max_landmarks=6)
+    filter_.reset(np.zeros(3), 1e-10 * np.eye(3), seeds=0)
+    scan = Scan.empty(1, 6)
+    scan.ranges[0], scan.bearings[0] = [18.6, 18.8, 20.1, 19.5, 19.8, 5e-6], [2.98, 2.94, 2.97, 2.92, 2.93, -1.65]
+    scan.labels[0] = [0, 1, 2, 3, 4, TARGET]
+    for returns in (5, 6, 0):
+        scan.count[0] = returns
+        filter_.update(scan)
+        filter_.predict(np.array([[1.0, 0.5]]), DT)
+    filter_.update(scan)
+    used = np.flatnonzero(np.diagonal(filter_.P[0]))
+    P, Omega = filter_.P[0][np.ix_(used, used)], filter_.Omega[0][np.ix_(used, used)]
+    root = np.sqrt(np.diagonal(P))
+    scaled = Omega * root[:, None] * root
+    assert np.linalg.eigvalsh(scaled)[0] > 0.0
+    np.testing.assert_allclose(scaled @ (P / root[:, None] / root), np.eye(len(used)), atol=1e-8)
