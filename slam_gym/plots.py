@@ -21,6 +21,7 @@ from slam_gym.palette import GREY, TRUTH, VERMILION, styles
 
 ELLIPSE_PROBABILITY = 0.95
 ELLIPSES_PER_TRACK = 12
+DOT = 5.0  # pixels about a point that names keep off
 USUAL, ROOM_ABOVE = 0.99, 1.5  # the share of a NEES curve that sets its axis, and the room above that
 LABELS = {
     "robot_error": "robot position error [m]",
@@ -165,8 +166,9 @@ def cost_against_accuracy(summary: pd.DataFrame) -> Figure:
 
 
 def _name_points(axis: Axes, points: dict[str, tuple[float, float]]) -> None:
-    """A name beside each point, on the first side on which it covers no other name; once all else has its place."""
-    taken: list[Bbox] = []
+    """A name beside each point, on the first side on which it covers no name or dot; once all else has its place."""
+    dots = [axis.transData.transform(at) for at in points.values()]
+    taken = [Bbox([dot - DOT, dot + DOT]) for dot in dots]
     for name, at in sorted(points.items(), key=lambda item: item[1]):
         for x, y, side in ((7, 5, "left"), (7, -13, "left"), (-7, 5, "right"), (-7, -13, "right")):
             label = axis.annotate(name, at, xytext=(x, y), textcoords="offset points", ha=side, fontsize=9)

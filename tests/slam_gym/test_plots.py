@@ -59,5 +59,7 @@ def test_names_of_the_cost_picture_keep_off_each_other(apart):
     labels = [text.get_window_extent() for text in figure.axes[0].texts]
     assert [text.get_text() for text in figure.axes[0].texts] == names
     assert all(one.count_overlaps(labels[:i]) == 0 for i, one in enumerate(labels))
+    dots = figure.axes[0].transData.transform(np.column_stack([2.0 * cost, np.full(4, 0.3)]))
+    assert apart == 1.0 or not any(label.contains(*dot) for label in labels for dot in dots)
     ticks = [tick.get_window_extent() for tick in figure.axes[0].get_xticklabels() if tick.get_text()]
     assert all(not one.overlaps(other) for one, other in itertools.pairwise(ticks))
