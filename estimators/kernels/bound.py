@@ -19,7 +19,6 @@ from llvmlite import ir  # type: ignore[import-untyped, unused-ignore]
 from numba import types
 from numba.core import cgutils
 from numba.extending import intrinsic
-from numba.np.arrayobj import populate_array
 
 from estimators.kernels.jit import inline, jit
 from estimators.kernels.simd import aligned_zeros
@@ -42,6 +41,8 @@ _LANES = types.int64[::1]
 
 _WORD = ir.IntType(64)
 _FIELD = 8  # bytes of a table's field
+_ARRAY = ("meminfo", "parent", "nitems", "itemsize", "data")  # of numba's, before shape and strides
+_NOBODYS = (0, 0)  # what is bound needs no owner: `Bound` keeps it
 
 Part = tuple[Any, tuple[Any, ...]]  # a kernel and its arguments
 Call = tuple[Any, Any, tuple[Any, ...]]  # a kernel, the type of its result, those of its arguments: None for the lanes
@@ -136,7 +137,7 @@ def _fields(argument: Any) -> list[int]:
     if isinstance(argument, np.ndarray):
         if not argument.flags.c_contiguous:
             raise ValueError("bind needs contiguous arrays; got one that is not: bind a copy")
-        return [argument.ctypes.data, *argument.shape]
+        return [*_NOBODYS, argument.size, argument.itemsize, argument.ctypes.data, *argument.shape, *argument.strides]
     return [int(np.float64(argument).view(np.int64)) if isinstance(argument, float) else int(argument)]
 
 
@@ -200,7 +201,7 @@ def _size(kind: Any) -> int:
     """Fields that an argument takes in the table."""
     if kind is None:
         return 0
-    return 1 + kind.ndim if isinstance(kind, types.Array) else 1
+    return len(_ARRAY) + 2 * kind.ndim if isinstance(kind, types.Array) else 1
 
 
 def _field(builder: Any, address: Any, index: int = 0, kind: Any = _WORD) -> Any:
@@ -219,14 +220,11 @@ def _read(context: Any, builder: Any, kind: Any, address: Any) -> Any:
 
 def _read_array(context: Any, builder: Any, kind: Any, address: Any) -> Any:
     array = context.make_array(kind)(context, builder)
-    shape = [_field(builder, address, 1 + i) for i in range(kind.ndim)]
-    itemsize = _WORD(context.get_abi_sizeof(context.get_data_type(kind.dtype)))
-    strides = [itemsize]
-    for size in reversed(shape[1:]):
-        strides.insert(0, builder.mul(strides[0], size))
-    data = builder.inttoptr(_field(builder, address), array.data.type)
-    populate_array(
-        array, data=data, shape=cgutils.pack_array(builder, shape), strides=cgutils.pack_array(builder, strides),
-        itemsize=itemsize, meminfo=None,
-    )  # fmt: skip
+    n, at = len(_ARRAY), range(kind.ndim)
+    for i, name in enumerate(_ARRAY):
+        word = _field(builder, address, i)
+        wanted = getattr(array, name).type
+        setattr(array, name, builder.inttoptr(word, wanted) if isinstance(wanted, ir.PointerType) else word)
+    array.shape = cgutils.pack_array(builder, [_field(builder, address, n + i) for i in at])
+    array.strides = cgutils.pack_array(builder, [_field(builder, address, n + kind.ndim + i) for i in at])
     return array._getvalue()

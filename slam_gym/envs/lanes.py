@@ -161,10 +161,7 @@ class Lanes:
         """One call of several, for some lanes at a time and by all threads."""
         if self.num_lanes > 1:
             return Shared(calls, scratch, self.num_lanes, self.simulation.world.crew)
-        if len(calls) == 1:
-            return calls[0]
-        first, second = calls
-        return lambda lanes: first(lanes) and second(lanes)
+        return chain(*calls)
 
     def _finite_first(self, call: Callable[[Ints], bool]) -> Callable[[Ints], bool]:
         """The call, after all actions are known to be finite: a block of lanes does not know the others'."""

@@ -188,7 +188,8 @@ class SlamTargetEnv(gym.Env[Any, NDArray[np.float32]]):
         self._seeded = True
         if self.render_mode == "human":
             self.render()
-        return self._observe(), self._score()[-1]
+        observation, *_, info = self._score(self._observe())
+        return observation, info
 
     def step(self, action: NDArray[np.float32]) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
         """Carry out one action; see the class.
@@ -205,7 +206,7 @@ class SlamTargetEnv(gym.Env[Any, NDArray[np.float32]]):
         self.lanes.step()
         if self.render_mode == "human":
             self.render()
-        return self._observe(), *self._score()
+        return self._score(self._observe())
 
     def _observe(self) -> Observation:
         return self._row.copy() if self._flat else self.lanes.observer.split(self._row)

@@ -245,3 +245,17 @@ def test_the_info_is_plain_json_but_for_two_arrays():
     arrays = {key: info.pop(key) for key in ("robot_pose", "target_state")}
     json.dumps(info)
     assert {key: value.shape for key, value in arrays.items()} == {"robot_pose": (3,), "target_state": (4,)}
+
+
+def test_an_info_stays_as_it_was_and_is_the_reader_s_own():
+    at_once = []
+    env = make()
+    env.reset(seed=0)
+    for _ in range(10):
+        at_once.append(dict(env.step(np.array([0.5, 0.3], dtype=np.float32))[-1]))
+    env.reset(seed=0)
+    late = [env.step(np.array([0.5, 0.3], dtype=np.float32))[-1] for _ in range(10)]
+    np.testing.assert_equal([dict(info) for info in late], at_once)
+    assert at_once[0]["robot_pose"].tolist() != at_once[-1]["robot_pose"].tolist()
+    late[0]["robot_pose"][0] = 100.0  # the reader's own
+    assert env.unwrapped.simulation.world.pose[0, 0] < 100.0
