@@ -22,14 +22,14 @@ from estimators.kernels.gaussian import ROBOT, nis_and_log_det, rows_in_use, she
 from estimators.kernels.jit import inline, jit, subroutine
 from estimators.kernels.left_looking import CORRECTION, ROWS, SHIFT, TURN, collect, keep_heading, settle, spread
 from estimators.kernels.range_bearing import gradient, measure, noise_std
-from estimators.kernels.rounding import blunted_by_distance
+from estimators.kernels.rounding import LIFT, blunted_by_distance, lift
 from estimators.kernels.simd import subtract_rows
 from estimators.models import TWIST
 
 SMALL_ANGLE = 1e-4  # [rad] below which the series of V is exact to rounding
 HALF_ROOT = math.sqrt(0.5)
-FAR = 100.0  # [m] moved by a correction, all points together: rounding of its square would tell in P
-SMALLEST_SCALE = 1e-30  # of `balance`: where the heading is known exactly
+SURPRISE = 1e4  # NIS of a sweep; squares of its correction are at most so many times the variances that it had
+SHRUNK = 1e-3  # of a variance left, below which rounding of what it was may tell
 
 
 @inline
@@ -80,48 +80,59 @@ def retract_point(mu, work, lane, j, angle, c, s, a, b):
     work[SHIFT, j + 1] = mu[lane, j] - x
 
 
-@subroutine
-def balance(work, n, half, square):
-    """What d is multiplied with, and e = TURN + half d divided by, for both to be of one size; |d|^2 is `square`."""
-    e_square = 0.0
-    for i in range(n):
-        e = work[TURN, i] + half * work[SHIFT, i]
-        e_square += e * e
-    return max((e_square / square) ** 0.25, SMALLEST_SCALE)
-
-
 @inline
 def change_coordinates(P, work, lane, n, rows):
     """Settle the rows collected, then (b): P <- M P M', M = I + d e_phi', d in row SHIFT; P is gone over once.
 
     The added d e' + e d', e = P_phi + P_phiphi d / 2, is written as a difference of squares: it is symmetric to the
-    last bit. Of a large d their squares would lose digits of P: d and e are of one size then.
+    last bit.
     """
     keep_heading(P, work, lane, n, rows)
-    half, square = 0.5 * work[TURN, 2], 0.0
+    half = 0.5 * work[TURN, 2]
     for i in range(n):
-        square += work[SHIFT, i] * work[SHIFT, i]
-    scale = balance(work, n, half, square) if square > FAR * FAR else 1.0
-    inverse = 1.0 / scale
-    for i in range(n):
-        d, e = scale * work[SHIFT, i], inverse * (work[TURN, i] + half * work[SHIFT, i])
+        d, e = work[SHIFT, i], work[TURN, i] + half * work[SHIFT, i]
         work[rows, i] = HALF_ROOT * (d - e)
         work[rows + 1, i] = HALF_ROOT * (d + e)
     subtract_rows(P, lane, n, work, rows + 1, 1)
 
 
+@subroutine
+def change_coordinates_far(P, work, lane, n, rows):
+    """The same where d is far larger than P leads to expect: its square alone would take P's digits with it.
+
+    What was added may be taken off again by the next correction. A variance of which less than `SHRUNK` is left is
+    lifted by `LIFT` of what it was made of: more than rounding, so that P stays a covariance. What has shrunk so far in
+    the sweep is lifted before, as d multiplies it.
+    """
+    keep_heading(P, work, lane, n, rows)
+    if work[TURN, 2] < SHRUNK * P[lane, 2, 2]:
+        lift(P, work, lane, n)
+    settle(P, work, lane, n, rows)
+    keep_heading(P, work, lane, n, 0)  # as it stands in P, to the last bit
+    half = 0.5 * work[TURN, 2]
+    for i in range(n):
+        d, e = work[SHIFT, i], work[TURN, i] + half * work[SHIFT, i]
+        for j in range(i):
+            P[lane, i, j] += d * work[TURN, j] + work[SHIFT, j] * (e + half * d)
+            P[lane, j, i] = P[lane, i, j]
+        was, added = P[lane, i, i], 2.0 * d * e
+        P[lane, i, i] = was + added
+        if P[lane, i, i] < SHRUNK * (was + abs(added)):
+            P[lane, i, i] += LIFT * (was + abs(added))
+
+
 @inline
-def retract(mu, P, work, lane, n, rows, n_t, count, own_heading):
+def retract(mu, P, work, lane, n, rows, n_t, count, own_heading, nis):
     """Apply the collected correction to mean and coordinates: see `retract_rows`."""
-    retract_rows(mu, P, work, lane, n, rows, n_t, ROBOT + n_t, count, own_heading)
+    retract_rows(mu, P, work, lane, n, rows, n_t, ROBOT + n_t, count, own_heading, nis)
 
 
 @inline
-def retract_rows(mu, P, work, lane, n, rows, n_t, map_row, count, own_heading):
+def retract_rows(mu, P, work, lane, n, rows, n_t, map_row, count, own_heading, nis):
     """Apply the correction to robot, target and `count` landmarks from row `map_row` on, and settle what is collected.
 
     Every point turns with the robot's heading, a constant-velocity target's velocity too; a twist target
-    (`own_heading`) turns with its own, as a second body.
+    (`own_heading`) turns with its own, as a second body. nis: the returns', all together.
     """
     angle = work[CORRECTION, 2]
     c, s, a, b = group_step(angle)
@@ -144,7 +155,10 @@ def retract_rows(mu, P, work, lane, n, rows, n_t, map_row, count, own_heading):
             retract_point(mu, work, lane, j, angle, c, s, a, b)
     for slot in range(count):
         retract_point(mu, work, lane, map_row + 2 * slot, angle, c, s, a, b)
-    change_coordinates(P, work, lane, n, rows)
+    if nis > SURPRISE:
+        change_coordinates_far(P, work, lane, n, rows)
+    else:
+        change_coordinates(P, work, lane, n, rows)
 
 
 @inline
@@ -157,7 +171,7 @@ def update_one(
         lane, mu, P, model, n_t, count, ids, target_known, counters, ranges, bearings, labels, num_returns, code, gates,
         cost, slots,
     )  # fmt: skip
-    n, rows = rows_in_use(n_t, count[lane]), 0
+    n, rows, total = rows_in_use(n_t, count[lane]), 0, 0.0
     for i in range(n):
         work[CORRECTION, i] = 0.0
     for k in range(num_returns):
@@ -173,6 +187,7 @@ def update_one(
         outcome, nis = observe(mu, P, work, lane, n, rows, j, model, ranges[lane, k], bearings[lane, k], limit)
         if outcome == USED:
             rows += 2
+            total += nis
         else:
             settle(P, work, lane, n, rows)
             rows = 0
@@ -181,7 +196,7 @@ def update_one(
                 for i in range(ROBOT, ROBOT + n_t):
                     work[CORRECTION, i] = 0.0
     own_heading = n_t > 0 and model.target_kind == TWIST and target_known[lane]
-    retract(mu, P, work, lane, n, rows, n_t, count[lane], own_heading)
+    retract(mu, P, work, lane, n, rows, n_t, count[lane], own_heading, total)
     grow(
         lane, mu, P, model, n_t, count, ids, first, next_id, target_known, pending, counters, ranges, bearings, labels,
         num_returns, code != KNOWN, slots, mu[lane, 0], mu[lane, 1], mu[lane, ROBOT], mu[lane, ROBOT + 1],

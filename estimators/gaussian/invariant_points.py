@@ -136,7 +136,7 @@ def update_one(
         outcome, nis = observe(mu, P, work, lane, n, j, model, ranges[lane, k], bearings[lane, k], limit, h)
         if outcome == USED:
             own_heading = n_t > 0 and model.target_kind == TWIST and target_known[lane]
-            retract(mu, P, work, lane, n, 2, n_t, count[lane], own_heading)
+            retract(mu, P, work, lane, n, 2, n_t, count[lane], own_heading, nis)
         else:
             note(outcome, nis, is_target, mu, P, lane, n, n_t, model, target_known, pending, counters)
     grow(

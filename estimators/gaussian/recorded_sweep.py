@@ -87,7 +87,7 @@ def update_one(
         lane, mu, P, model, n_t + EXTRA, count, ids, target_known, counters, distances, angles, labels, num_returns,
         code, gates, cost, slots,
     )  # fmt: skip
-    n = rows_in_use(n_t + EXTRA, count[lane])
+    n, total = rows_in_use(n_t + EXTRA, count[lane]), 0.0
     for i in range(n):
         work[CORRECTION, i] = 0.0
     for k in range(num_returns):
@@ -110,6 +110,7 @@ def update_one(
         if outcome == USED:
             seen[lane, item] = clock[lane]
             rejected[lane, item, 0] = 0.0
+            total += nis
             continue
         if outcome == UNUSABLE:
             counters[lane, NOT_POSITIVE] += 1
@@ -125,7 +126,7 @@ def update_one(
     own_heading = n_t > 0 and model.target_kind == TWIST and target_known[lane]
     for e in range(extra, extra + EXTRA):
         mu[lane, e] += work[CORRECTION, e]
-    retract_rows(mu, P, work, lane, n, 0, n_t, extra + EXTRA, count[lane], own_heading)
+    retract_rows(mu, P, work, lane, n, 0, n_t, extra + EXTRA, count[lane], own_heading, total)
     correct_returns(mu, lane, extra, ranges, bearings, num_returns, corrected)
     take_in(
         lane, mu, P, model, errors, n_t, count, ids, first, next_id, target_known, pending, counters, last_dt, clock,

@@ -10,8 +10,9 @@ from estimators.particle.moments import (
     direction_variance,
     landmark_moments,
     pose_moments,
+    relative_mean,
     relative_origin,
-    relative_sums,
+    relative_spread,
     shares,
     target_moments,
     turned_velocity,
@@ -48,14 +49,17 @@ def fill_target_lanes(
         shares(log_hypothesis[lane], hypotheses, w[lane], share)
         target_moments(cloud, hypotheses, share, twist, work, mean[lane], cov[lane])
         x0, y0 = relative_origin(cloud[0, 0, 0], cloud[0, 1, 0], pose[lane], cosine, sine)
-        m0, m1, s00, s01, s11 = 0.0, 0.0, 0.0, 0.0, 0.0
+        mx, my, s00, s01, s11 = x0, y0, 0.0, 0.0, 0.0
+        for g in range(hypotheses):
+            a, b = relative_mean(cloud[g, 0], cloud[g, 1], share[g], pose[lane], cosine, sine, x0, y0)
+            mx, my = mx + a, my + b
         for g in range(hypotheses):
             p00, p01, p11 = position_rows(cloud[g])
-            a, b, c, d, e = relative_sums(
-                cloud[g, 0], cloud[g, 1], p00, p01, p11, share[g], pose[lane], pose_cov[lane], cosine, sine, x0, y0
+            a, b, c = relative_spread(
+                cloud[g, 0], cloud[g, 1], p00, p01, p11, share[g], pose[lane], pose_cov[lane], cosine, sine, mx, my
             )
-            m0, m1, s00, s01, s11 = m0 + a, m1 + b, s00 + c, s01 + d, s11 + e
-        write_relative(x0, y0, m0, m1, s00, s01, s11, relative[lane], relative_cov[lane])
+            s00, s01, s11 = s00 + a, s01 + b, s11 + c
+        write_relative(mx, my, s00, s01, s11, relative[lane], relative_cov[lane])
         if twist:
             velocity_moments(
                 cloud, hypotheses, share, cosine, sine, models[lane].target_speed, velocity[lane], velocity_cov[lane],
@@ -101,7 +105,8 @@ def fill_map_lanes(
             m = read_column(j, maps[lane], points[lane], ancestors[lane], index[lane], scratch[3:8])
             landmark_moments(m[0], m[1], m[2], m[3], m[4], weights, mean[lane, j], cov[lane, j])
             x0, y0 = relative_origin(m[0, 0], m[1, 0], pose[lane], cosine, sine)
-            m0, m1, s00, s01, s11 = relative_sums(
-                m[0], m[1], m[2], m[3], m[4], weights, pose[lane], pose_cov[lane], cosine, sine, x0, y0
+            a, b = relative_mean(m[0], m[1], weights, pose[lane], cosine, sine, x0, y0)
+            s00, s01, s11 = relative_spread(
+                m[0], m[1], m[2], m[3], m[4], weights, pose[lane], pose_cov[lane], cosine, sine, x0 + a, y0 + b
             )
-            write_relative(x0, y0, m0, m1, s00, s01, s11, relative[lane, j], relative_cov[lane, j])
+            write_relative(x0 + a, y0 + b, s00, s01, s11, relative[lane, j], relative_cov[lane, j])

@@ -11,6 +11,7 @@ import math
 from estimators.kernels.angles import wrap
 from estimators.kernels.elementary import sincos, wrap_smooth
 from estimators.kernels.jit import inline, subroutine
+from estimators.kernels.linalg import nearest_covariance
 
 
 @subroutine
@@ -177,35 +178,42 @@ def turned_velocity(vx, vy, share, cosine, sine, relative):
 
 @inline
 def relative_origin(x, y, pose, cosine, sine):
-    """Where the first particle sees a point: sums are taken about it, so that no digits are lost."""
+    """Where the first particle sees a point: the mean is summed about it, so that no digits are lost."""
     dx, dy = x - pose[0, 0], y - pose[1, 0]
     u, v = cosine[0] * dx + sine[0] * dy, cosine[0] * dy - sine[0] * dx
     return (u, v) if u + v == u + v else (0.0, 0.0)  # NaN in a particle without weight
 
 
 @subroutine
-def relative_sums(tx, ty, p00, p01, p11, share, pose, pose_cov, cosine, sine, x0, y0):
-    """Moments about (x0, y0) of a point given per particle, in each particle's own frame. All rows [N].
+def relative_mean(tx, ty, share, pose, cosine, sine, x0, y0):
+    """Mean, less (x0, y0), of a point given per particle, in each particle's own frame. All rows [N]."""
+    mx, my = 0.0, 0.0
+    for p in range(share.size):
+        live = share[p] > 0.0
+        dx, dy = tx[p] - pose[0, p], ty[p] - pose[1, p]
+        mx += share[p] * (cosine[p] * dx + sine[p] * dy - x0 if live else 0.0)
+        my += share[p] * (cosine[p] * dy - sine[p] * dx - y0 if live else 0.0)
+    return mx, my
+
+
+@subroutine
+def relative_spread(tx, ty, p00, p01, p11, share, pose, pose_cov, cosine, sine, mx, my):
+    """Second moments (uu, uv, vv) of that point about its mean (mx, my), its own covariance included.
 
     pose_cov: [6 or 0, N]; a pose that is uncertain itself adds J P J', J = [-R', (v, -u)], to the point's covariance.
-
-    Returns:
-        Sums over the particles: u, v and the second moments uu, uv, vv.
     """
-    m0, m1, s00, s01, s11 = 0.0, 0.0, 0.0, 0.0, 0.0
+    s00, s01, s11 = 0.0, 0.0, 0.0
     for p in range(share.size):
         live = share[p] > 0.0
         w, c, s = share[p], cosine[p], sine[p]
         dx, dy = tx[p] - pose[0, p], ty[p] - pose[1, p]
-        u, v = (c * dx + s * dy - x0 if live else 0.0), (c * dy - s * dx - y0 if live else 0.0)
-        cc, cs, ss = c * c, c * s, s * s
-        q00, q01, q11 = turned(cc, cs, ss, p00[p], p01[p], p11[p])
-        m0, m1 = m0 + w * u, m1 + w * v
+        u, v = c * dx + s * dy - mx, c * dy - s * dx - my
+        q00, q01, q11 = turned(c * c, c * s, s * s, p00[p], p01[p], p11[p])
         s00 += w * (q00 + u * u if live else 0.0)
         s01 += w * (q01 + u * v if live else 0.0)
         s11 += w * (q11 + v * v if live else 0.0)
     if pose_cov.shape[0] == 0:
-        return m0, m1, s00, s01, s11
+        return s00, s01, s11
     for p in range(share.size):
         live = share[p] > 0.0
         w, c, s = share[p], cosine[p], sine[p]
@@ -217,7 +225,7 @@ def relative_sums(tx, ty, p00, p01, p11, share, pose, pose_cov, cosine, sine, x0
         s00 += w * (q00 - 2.0 * v * along + v * v * turn if live else 0.0)
         s01 += w * (q01 + u * along - v * left - u * v * turn if live else 0.0)
         s11 += w * (q11 + 2.0 * u * left + u * u * turn if live else 0.0)
-    return m0, m1, s00, s01, s11
+    return s00, s01, s11
 
 
 @inline
@@ -227,11 +235,11 @@ def turned(cc, cs, ss, a, b, d):
 
 
 @inline
-def write_relative(x0, y0, m0, m1, s00, s01, s11, mean, cov):
-    """Mean [2] and covariance [2, 2] from moments about (x0, y0)."""
-    mean[0], mean[1] = x0 + m0, y0 + m1
-    cov[0, 0], cov[1, 1] = s00 - m0 * m0, s11 - m1 * m1
-    cov[0, 1] = cov[1, 0] = s01 - m0 * m1
+def write_relative(mx, my, s00, s01, s11, mean, cov):
+    """Mean [2] and covariance [2, 2]; seen from kilometres away, less than rounding may be left of the latter."""
+    mean[0], mean[1] = mx, my
+    cov[0, 0], cov[0, 1], cov[1, 1] = nearest_covariance(s00, s01, s11)
+    cov[1, 0] = cov[0, 1]
 
 
 @subroutine

@@ -21,8 +21,8 @@ def test_contract(check):
 
 
 @jit
-def _retract(mu, P, work, rows, n_t, count, own_heading):
-    invariant.retract(mu, P, work, 0, P.shape[1], rows, n_t, count, own_heading)
+def _retract(mu, P, work, rows, n_t, count, own_heading, nis):
+    invariant.retract(mu, P, work, 0, P.shape[1], rows, n_t, count, own_heading, nis)
 
 
 def exponential(heading, vectors):
@@ -36,7 +36,8 @@ def exponential(heading, vectors):
 @pytest.mark.parametrize("angle", [0.0, 1e-6, 1e-3, 0.4, -1.3])
 @pytest.mark.parametrize("n_t", [0, 3, 4])
 @pytest.mark.parametrize("held", [0, 4])
-def test_retraction_is_the_group_exponential(angle, n_t, held):
+@pytest.mark.parametrize("nis", [2.0, np.inf], ids=["expected", "unexpected"])
+def test_retraction_is_the_group_exponential(angle, n_t, held, nis):
     """And the change of coordinates is the derivative of the new ordinary coordinates by the old.
 
     What the sweep's returns took off, the rows collected, leaves the covariance before.
@@ -68,7 +69,7 @@ def test_retraction_is_the_group_exponential(angle, n_t, held):
     left = P[0] - collected.T @ collected
     work[TURN, :n] = left[2]  # as the update keeps it
     cov = M @ left @ M.T
-    _retract(mu, P, work, held, n_t, count, twist)
+    _retract(mu, P, work, held, n_t, count, twist, nis)
     np.testing.assert_allclose(mu[0], expected, atol=1e-12)
     np.testing.assert_allclose(P[0], cov, atol=1e-9)
     np.testing.assert_array_equal(P[0], P[0].T)
@@ -89,7 +90,7 @@ def test_a_correction_by_kilometres_leaves_the_digits_of_what_is_known_to_microm
     step[2] = 0.3
     before, start = P[0].copy(), mu[0].copy()
     work[TURN, :n] = before[2]
-    _retract(mu, P, work, 0, 0, count, False)
+    _retract(mu, P, work, 0, 0, count, False, np.inf)
     M = np.eye(n, dtype=np.longdouble)
     for j in (0, 3, 5):
         M[j : j + 2, 2] += J @ (mu[0, j : j + 2] - start[j : j + 2])
