@@ -19,11 +19,12 @@ import math
 from estimators.kernels.angles import wrap
 from estimators.kernels.gaussian import ROBOT
 from estimators.kernels.jit import inline, subroutine
-from estimators.kernels.linalg import semidefinite_cholesky, solve_transposed
+from estimators.kernels.linalg import pivoted_cholesky, semidefinite_cholesky, solve_transposed
 from estimators.kernels.motion import displacement, unicycle
 from estimators.kernels.range_bearing import measure, offset
 
 ROBOT_MOVES, TARGET_MOVES, SIGHTING = 0, 1, 2
+WEAK = 1e-5  # a pivot, of the variance that it is what is left of
 
 
 @inline
@@ -63,7 +64,38 @@ def turn_differences(turned, base, D1, D2, column):
 
 
 @inline
-def spread_displacement(P, lane, j, kind, model, a, b, std_a, std_b, dt, heading, rule, C, D1, D2, E):
+def row_of(p, body, j):
+    """The p-th of the rows that a return depends on: the three of the body, then the point's at j."""
+    return body + p if p < ROBOT else j + p - ROBOT
+
+
+@subroutine
+def factor(P, lane, body, j, n, C, A, order):
+    """A root C of the covariance of the first n of those rows: its Cholesky factor, by pivots where one is weak.
+
+    A slope by a weak pivot is a quotient of small numbers, thousands of times what it should be.
+
+    Args:
+        A: scratch, [5, 5]. order: [5] filled with the order of the pivots.
+    """
+    for p in range(n):
+        order[p] = p
+        for q in range(p + 1):
+            C[p, q] = P[lane, row_of(p, body, j), row_of(q, body, j)]
+    semidefinite_cholesky(C, n)
+    weak = False
+    for p in range(n):
+        pivot = C[p, p] * C[p, p]
+        weak |= 0.0 < pivot < WEAK * P[lane, row_of(p, body, j), row_of(p, body, j)]
+    if weak:
+        for p in range(n):
+            for q in range(n):
+                A[p, q] = P[lane, row_of(p, body, j), row_of(q, body, j)]
+        pivoted_cholesky(A, n, C, order)
+
+
+@inline
+def spread_displacement(P, lane, j, kind, model, a, b, std_a, std_b, dt, heading, rule, C, D1, D2, E, order):
     """Sigma points of a displacement over the body (x, y, heading) at rows j, j + 1, j + 2 and inputs (a, b).
 
     Args:
@@ -74,10 +106,7 @@ def spread_displacement(P, lane, j, kind, model, a, b, std_a, std_b, dt, heading
         The mean displacement (dx, dy, dheading). Eq. (9).
     """
     h = rule[0]
-    for p in range(3):
-        for q in range(p + 1):
-            C[p, q] = P[lane, j + p, j + q]
-    semidefinite_cholesky(C, 3)
+    factor(P, lane, j, j, 3, C, D1, order)
     base = carry(kind, model, a, b, dt, heading)
     for p in range(3):
         turn_differences(h * C[2, p], base, D1, D2, p)
@@ -85,7 +114,7 @@ def spread_displacement(P, lane, j, kind, model, a, b, std_a, std_b, dt, heading
         da, db = (h * std_a, 0.0) if p == 3 else (0.0, h * std_b)
         input_differences(kind, model, a, b, da, db, dt, heading, base, D1, D2, p)
     for i in range(2):
-        solve_transposed(C, 3, D1, i, E)
+        solve_transposed(C, 3, D1, i, E, order)
         for p in range(3):
             E[i, p] /= h
     for i in range(3):
@@ -94,24 +123,32 @@ def spread_displacement(P, lane, j, kind, model, a, b, std_a, std_b, dt, heading
 
 
 @inline
-def spread_cov(C, D1, D2, E, rule, i, k):
-    """Entry (i, k) of the covariance of body plus displacement. Eq. (11), with outer products."""
-    h = rule[0]
-    first = second = 0.0
-    for p in range(3):
-        first += (h * C[i, p] + D1[i, p]) * (h * C[k, p] + D1[k, p])
+def carried_cov(P, lane, row, body, E, k):
+    """Entry (row, k) of G P G', G = I + E over the body at row `body`; P holds G P in that row.
+
+    Taken from P, of which its factor is only nearly the root: the joint covariance is one whatever slopes E there are.
+    """
+    if k == 2:
+        return P[lane, row, body + 2]  # no displacement turns by more for a body that stands elsewhere
+    x, y, heading = P[lane, row, body], P[lane, row, body + 1], P[lane, row, body + 2]
+    return P[lane, row, body + k] + E[k, 0] * x + E[k, 1] * y + E[k, 2] * heading
+
+
+@inline
+def added_cov(D1, D2, E, rule, i, k):
+    """What the inputs and all curvature add to it. Eq. (11), with outer products."""
+    first = D1[i, 3] * D1[k, 3] + D1[i, 4] * D1[k, 4]
+    second = 0.0
+    for p in range(5):
         second += D2[i, p] * D2[k, p]
-    for p in range(3, 5):
-        first += D1[i, p] * D1[k, p]
-        second += D2[i, p] * D2[k, p]
-    return first / (h * h) + rule[1] * second + rule[2] * E[3, i] * E[3, k]
+    return first / (rule[0] * rule[0]) + rule[1] * second + rule[2] * E[3, i] * E[3, k]
 
 
 @subroutine
-def move_body(mu, P, lane, n, j, kind, model, a, b, std_a, std_b, dt, rule, C, D1, D2, E):
+def move_body(mu, P, lane, n, j, kind, model, a, b, std_a, std_b, dt, rule, C, D1, D2, E, order):
     """Predict the body at rows j, j + 1, j + 2 under the control (a, b) with deviations. Eqs. (15)-(18)."""
     dx, dy, turn = spread_displacement(
-        P, lane, j, kind, model, a, b, std_a, std_b, dt, mu[lane, j + 2], rule, C, D1, D2, E
+        P, lane, j, kind, model, a, b, std_a, std_b, dt, mu[lane, j + 2], rule, C, D1, D2, E, order
     )
     mu[lane, j] += dx
     mu[lane, j + 1] += dy
@@ -120,21 +157,22 @@ def move_body(mu, P, lane, n, j, kind, model, a, b, std_a, std_b, dt, rule, C, D
         x, y, heading = P[lane, j, i], P[lane, j + 1, i], P[lane, j + 2, i]
         P[lane, j, i] = x + E[0, 0] * x + E[0, 1] * y + E[0, 2] * heading
         P[lane, j + 1, i] = y + E[1, 0] * x + E[1, 1] * y + E[1, 2] * heading
+    for i in range(3):
+        for k in range(i, 3):
+            C[i, k] = carried_cov(P, lane, j + i, j, E, k) + added_cov(D1, D2, E, rule, i, k)
     for i in range(n):
         P[lane, i, j] = P[lane, j, i]
         P[lane, i, j + 1] = P[lane, j + 1, i]
     for i in range(3):
         for k in range(i, 3):
-            value = spread_cov(C, D1, D2, E, rule, i, k)
-            P[lane, j + i, j + k] = value
-            P[lane, j + k, j + i] = value
+            P[lane, j + i, j + k] = P[lane, j + k, j + i] = C[i, k]
 
 
 @subroutine
-def append_by_points(mu, P, lane, n, j, distance, bearing, std_r, std_b, model, rule, C, D1, D2, E):
+def append_by_points(mu, P, lane, n, j, distance, bearing, std_r, std_b, model, rule, C, D1, D2, E, order):
     """A new point at rows j, j + 1 from a return, with all its cross covariances; the rows must be zero before."""
     dx, dy, _ = spread_displacement(
-        P, lane, 0, SIGHTING, model, distance, bearing, std_r, std_b, 0.0, mu[lane, 2], rule, C, D1, D2, E
+        P, lane, 0, SIGHTING, model, distance, bearing, std_r, std_b, 0.0, mu[lane, 2], rule, C, D1, D2, E, order
     )
     mu[lane, j] = mu[lane, 0] + dx
     mu[lane, j + 1] = mu[lane, 1] + dy
@@ -147,19 +185,12 @@ def append_by_points(mu, P, lane, n, j, distance, bearing, std_r, std_b, model, 
         P[lane, i, j + 1] = P[lane, j + 1, i]
     for i in range(2):
         for k in range(i, 2):
-            value = spread_cov(C, D1, D2, E, rule, i, k)
-            P[lane, j + i, j + k] = value
-            P[lane, j + k, j + i] = value
+            value = carried_cov(P, lane, j + i, 0, E, k) + added_cov(D1, D2, E, rule, i, k)
+            P[lane, j + i, j + k] = P[lane, j + k, j + i] = value
 
 
 @inline
-def row_of(p, j):
-    """The p-th of the five rows that a return depends on: pose, then the point at j."""
-    return p if p < ROBOT else j + p - ROBOT
-
-
-@inline
-def spread_return(mu, P, lane, j, rule, C, D1, E):
+def spread_return(mu, P, lane, j, rule, C, D1, E, order):
     """Sigma points of a return of the point at rows j, j + 1. Eqs. (19), (23)-(26).
 
     Args:
@@ -169,10 +200,7 @@ def spread_return(mu, P, lane, j, rule, C, D1, E):
         The range at the centre, mean (range, bearing) and covariance (s00, s01, s11) without the sensor's noise.
     """
     h, curved, shifted = rule[0], rule[1], rule[2]
-    for p in range(5):
-        for q in range(p + 1):
-            C[p, q] = P[lane, row_of(p, j), row_of(q, j)]
-    semidefinite_cholesky(C, 5)
+    factor(P, lane, 0, j, 5, C, D1, order)
     px, py, heading = mu[lane, j] - mu[lane, 0], mu[lane, j + 1] - mu[lane, 1], mu[lane, 2]
     r0, b0 = measure(px, py, heading)
     mean_r = mean_b = s00 = s01 = s11 = 0.0
@@ -188,13 +216,19 @@ def spread_return(mu, P, lane, j, rule, C, D1, E):
         D1[1, p] = d1b
         mean_r += d2r
         mean_b += d2b
-        s00 += d1r * d1r / square + curved * d2r * d2r
-        s01 += d1r * d1b / square + curved * d2r * d2b
-        s11 += d1b * d1b / square + curved * d2b * d2b
+        s00 += curved * d2r * d2r
+        s01 += curved * d2r * d2b
+        s11 += curved * d2b * d2b
     for i in range(2):
-        solve_transposed(C, 5, D1, i, E)
+        solve_transposed(C, 5, D1, i, E, order)
         for p in range(5):
             E[i, p] /= h
+    for q in range(5):  # E P E' and not D1 D1' / h^2: see `carried_cov`
+        w0 = w1 = 0.0
+        for p in range(5):
+            value = P[lane, row_of(p, 0, j), row_of(q, 0, j)]
+            w0, w1 = w0 + E[0, p] * value, w1 + E[1, p] * value
+        s00, s01, s11 = s00 + w0 * E[0, q], s01 + w0 * E[1, q], s11 + w1 * E[1, q]
     mean_r, mean_b = mean_r / square, mean_b / square
     s00 += shifted * mean_r * mean_r
     s01 += shifted * mean_r * mean_b

@@ -29,7 +29,7 @@ from estimators.gaussian.sweep import (
     limit_of,
     note,
 )
-from estimators.interface import Floats, Scan
+from estimators.interface import Floats, Ints, Scan
 from estimators.kernels.angles import wrap
 from estimators.kernels.association import KNOWN, NEW, TARGET_SLOT, slot_of
 from estimators.kernels.bound import LATER
@@ -57,7 +57,7 @@ def body_inputs(model, body, v, w, dt):
 
 
 @jit
-def predict(mu, P, models, n_t, count, target_known, pending, control, dt, last_dt, lanes, rule, scratch):
+def predict(mu, P, models, n_t, count, target_known, pending, control, dt, last_dt, lanes, rule, scratch, order):
     """One step of the named lanes. Eqs. (9)-(18).
 
     A constant-velocity target moves linearly, where sigma points give exactly the textbook's prediction.
@@ -73,7 +73,7 @@ def predict(mu, P, models, n_t, count, target_known, pending, control, dt, last_
         bodies = 2 if n_t > 0 and target_known[lane] and model.target_kind == TWIST else 1
         for body in range(bodies):
             j, kind, v, w, sv, sw = body_inputs(model, body, control[lane, 0], control[lane, 1], step)
-            move_body(mu, P, lane, n, j, kind, model, v, w, sv, sw, step, rule, C, D1, D2, E)
+            move_body(mu, P, lane, n, j, kind, model, v, w, sv, sw, step, rule, C, D1, D2, E, order)
         if n_t > 0 and bodies == 1:
             if target_known[lane]:
                 move_velocity_target(mu, P, lane, n, model, step)
@@ -83,13 +83,13 @@ def predict(mu, P, models, n_t, count, target_known, pending, control, dt, last_
 
 
 @inline
-def observe(mu, P, W, lane, n, j, model, distance, bearing, limit, rule, C, D1, E):
+def observe(mu, P, W, lane, n, j, model, distance, bearing, limit, rule, C, D1, E, order):
     """Update by one return of the point at row j; (what became of it, its NIS)."""
-    r0, r, b, s00, s01, s11 = spread_return(mu, P, lane, j, rule, C, D1, E)
+    r0, r, b, s00, s01, s11 = spread_return(mu, P, lane, j, rule, C, D1, E, order)
     range_std, bearing_std = noise_std(model, r0)
     h0 = h1 = 0.0
     for p in range(5):
-        variance = P[lane, row_of(p, j), row_of(p, j)]
+        variance = P[lane, row_of(p, 0, j), row_of(p, 0, j)]
         h0, h1 = h0 + E[0, p] * E[0, p] * variance, h1 + E[1, p] * E[1, p] * variance
     range_std, bearing_std = blunted(P, W, lane, n, h0, h1, range_std, bearing_std)
     s00 += range_std * range_std
@@ -122,7 +122,7 @@ def open_slot(lane, count, ids, next_id, counters, label):
 @inline
 def grow_by_points(
     lane, mu, P, model, n_t, count, ids, first, next_id, target_known, pending, counters, ranges, bearings, labels,
-    num_returns, nearest, slots, dt, rule, C, D1, D2, E,
+    num_returns, nearest, slots, dt, rule, C, D1, D2, E, order,
 ):  # fmt: skip
     """Take in the returns of one lane's sweep that are not yet in the state; see `growth.grow`.
 
@@ -150,7 +150,7 @@ def grow_by_points(
             slots[lane, k] = slot
             j = ROBOT + n_t + 2 * slot
         n = rows_in_use(n_t, count[lane])
-        append_by_points(mu, P, lane, n, j, distance, bearing, std_r, std_b, model, rule, C, D1, D2, E)
+        append_by_points(mu, P, lane, n, j, distance, bearing, std_r, std_b, model, rule, C, D1, D2, E, order)
         if starts_target:
             P[lane, 5, 5] = P[lane, 6, 6] = model.initial_speed_std * model.initial_speed_std
             target_known[lane] = True
@@ -161,7 +161,7 @@ def grow_by_points(
 @jit
 def update(
     mu, P, W, models, n_t, count, ids, first, next_id, target_known, pending, counters, ranges, bearings, labels,
-    num_returns, code, gates, cost, slots, last_dt, lanes, rule, scratch,
+    num_returns, code, gates, cost, slots, last_dt, lanes, rule, scratch, order,
 ):  # fmt: skip
     """Take in one sweep: every return of something known, one after another, then what is new. Eqs. (19)-(31)."""
     C, D1, D2, E = scratch[0], scratch[1], scratch[2], scratch[3]
@@ -181,7 +181,7 @@ def update(
             j = ROBOT if is_target else ROBOT + n_t + 2 * slot
             limit = limit_of(gates[0], model, is_target)
             outcome, nis = observe(
-                mu, P, W, lane, n, j, model, ranges[lane, k], bearings[lane, k], limit, rule, C, D1, E
+                mu, P, W, lane, n, j, model, ranges[lane, k], bearings[lane, k], limit, rule, C, D1, E, order
             )
             if outcome != USED:
                 note(outcome, nis, is_target, mu, P, lane, n, n_t, model, target_known, pending, counters)
@@ -189,7 +189,7 @@ def update(
             mu[lane, 5] = wrap(mu[lane, 5])
         grow_by_points(
             lane, mu, P, model, n_t, count, ids, first, next_id, target_known, pending, counters, ranges, bearings,
-            labels, K, code != KNOWN, slots, last_dt[lane], rule, C, D1, D2, E,
+            labels, K, code != KNOWN, slots, last_dt[lane], rule, C, D1, D2, E, order,
         )  # fmt: skip
 
 
@@ -205,21 +205,22 @@ class SigmaPointFilter(GaussianEstimator):
         super()._allocate()
         self.rule: Floats = np.zeros(3)
         self.scratch: Floats = np.zeros((4, 5, 5))
+        self.order: Ints = np.zeros(5, dtype=np.int64)  # scratch
 
     def _scratch(self) -> tuple[Any, ...]:
-        return (*super()._scratch(), self.scratch)
+        return (*super()._scratch(), self.scratch, self.order)
 
     def _prediction(self, control: Floats, dt: Floats) -> Call:
         return (
             predict, self.mu, self.P, self.models, self.n_t, self.count, self.target_known, self.pending, control, dt,
-            self.last_dt, LATER, self.rule, self.scratch,
+            self.last_dt, LATER, self.rule, self.scratch, self.order,
         )  # fmt: skip
 
     def _correction(self, scan: Scan) -> Call:
         return (
             update, self.mu, self.P, self.work, self.models, self.n_t, self.count, self.ids, self.first, self.next_id,
             self.target_known, self.pending, self.counters, scan.ranges, scan.bearings, scan.labels, scan.count,
-            self.association_code, self.gates, self.cost, self.slots, self.last_dt, LATER, self.rule, self.scratch,
+            self.association_code, self.gates, self.cost, self.slots, self.last_dt, LATER, self.rule, self.scratch, self.order,
         )  # fmt: skip
 
 

@@ -2,7 +2,7 @@
 
 import math
 
-from estimators.kernels.jit import inline
+from estimators.kernels.jit import inline, subroutine
 
 PIVOT_FLOOR = 1e-14  # a pivot below this share of the largest diagonal entry counts as zero
 
@@ -36,17 +36,47 @@ def semidefinite_cholesky(A, n):
             A[i, j] = value / root
 
 
+@subroutine
+def pivoted_cholesky(A, n, C, order):
+    """C with A = C C' for a semidefinite A of any rank, to rounding: the largest pivot that is left comes first.
+
+    Without that a pivot that is nearly rounding is divided by, and A = C C' holds no better than its digits.
+
+    Args:
+        A: [n, n] both triangles, overwritten.
+        C: row i belongs to row i of A; its column p is zero in the rows order[:p], and all of it where A has no more.
+        order: [n] the rows in the order of their pivots.
+    """
+    for p in range(n):
+        order[p] = p
+    largest = 0.0
+    for p in range(n):
+        for q in range(p + 1, n):
+            if A[order[q], order[q]] > A[order[p], order[p]]:
+                order[p], order[q] = order[q], order[p]
+        v = order[p]
+        largest = max(largest, A[v, v])
+        root = math.sqrt(A[v, v]) if A[v, v] > PIVOT_FLOOR * largest else 0.0
+        for q in range(n):
+            w = order[q]
+            C[w, p] = A[w, v] / root if root > 0.0 and q >= p else 0.0
+        for q in range(p + 1, n):
+            for k in range(p + 1, n):
+                A[order[q], order[k]] -= C[order[q], p] * C[order[k], p]
+
+
 @inline
-def solve_transposed(C, n, D, row, out):
-    """Solve out[row] C = D[row] (rows of n numbers) for a semidefinite factor C: zero where its pivot is zero."""
-    for j in range(n - 1, -1, -1):
-        if C[j, j] == 0.0:
-            out[row, j] = 0.0
+def solve_transposed(C, n, D, row, out, order):
+    """Solve out[row] C = D[row] (rows of n numbers) for a factor of pivots in that order: zero where one is zero."""
+    for p in range(n - 1, -1, -1):
+        v = order[p]
+        if C[v, p] == 0.0:
+            out[row, v] = 0.0
             continue
-        value = D[row, j]
-        for k in range(j + 1, n):
-            value -= C[k, j] * out[row, k]
-        out[row, j] = value / C[j, j]
+        value = D[row, p]
+        for q in range(p + 1, n):
+            value -= C[order[q], p] * out[row, order[q]]
+        out[row, v] = value / C[v, p]
 
 
 @inline

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from estimators.kernels.linalg import nearest_covariance, semidefinite_cholesky, solve_transposed
+from estimators.kernels.linalg import nearest_covariance, pivoted_cholesky, semidefinite_cholesky, solve_transposed
 
 RNG = np.random.default_rng(3)
 
@@ -46,14 +46,42 @@ def test_the_solve_is_numpys():
     root = RNG.standard_normal((5, 5))
     C, D, out = factor(root @ root.T), RNG.standard_normal((2, 5)), np.zeros((2, 5))
     for row in range(2):
-        solve_transposed(C, 5, D, row, out)
+        solve_transposed(C, 5, D, row, out, np.arange(5))
     assert out @ C == pytest.approx(D, abs=1e-10)
 
 
 def test_the_solve_of_a_singular_factor_is_the_slope_over_what_varies():
     C, out = factor(np.diag([4.0, 0.0, 9.0])), np.full((1, 3), np.nan)
-    solve_transposed(C, 3, np.array([[2.0, 5.0, 6.0]]), 0, out)
+    solve_transposed(C, 3, np.array([[2.0, 5.0, 6.0]]), 0, out, np.arange(3))
     assert np.array_equal(out, [[1.0, 0.0, 2.0]])
+
+
+def pivoted(matrix):
+    n = len(matrix)
+    C, order = np.full((n, n), np.nan), np.full(n, -1)
+    pivoted_cholesky(np.array(matrix, dtype=float), n, C, order)
+    return C, order
+
+
+@pytest.mark.parametrize("rank", [0, 1, 2, 4, 5])
+def test_pivots_give_a_root_to_rounding_whatever_the_rank(rank):
+    for _ in range(100):
+        root = RNG.standard_normal((5, rank)) * 10.0 ** RNG.uniform(-6.0, 1.0, rank)
+        matrix = root @ root.T
+        C, order = pivoted(matrix)
+        assert np.abs(C @ C.T - matrix).max() <= 1e-14 * np.abs(matrix).max(initial=0.0)
+        assert sorted(order) == list(range(5)) and np.array_equal(C[order], np.tril(C[order]))
+
+
+def test_a_slope_by_pivots_is_no_larger_than_it_has_to_be():
+    """Heading and y vary together, y by little more than x tells of it: by y the slope would be ten thousand."""
+    root = np.array([[0.15, 0.0], [-0.02, 4e-5], [0.0, 0.05]])
+    root[2] = 0.0, 0.05
+    matrix = np.array(root @ root.T)
+    C, order = pivoted(matrix)
+    D, out = 3.0 * C[2:3], np.zeros((1, 3))  # what depends on the heading alone
+    solve_transposed(C, 3, D, 0, out, order)
+    assert out @ C == pytest.approx(D, abs=1e-12) and np.abs(out).max() < 3.1
 
 
 def unpack(xx, xy, yy):
