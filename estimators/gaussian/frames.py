@@ -7,6 +7,7 @@ import math
 
 from estimators.kernels.angles import wrap
 from estimators.kernels.jit import inline
+from estimators.kernels.rounding import kept
 
 ORIGIN = -1  # in the place of a row: the origin of the axes the state is written in, known exactly
 
@@ -74,3 +75,13 @@ def carry_covariance(P, out, half, lane, n_in, n_out, at, coef):
                 total += coef[j, k] * half[i, at[j, k]]
             out[lane, i, j] = total
             out[lane, j, i] = total
+
+
+@inline
+def keep_covariance(P, out, lane, n_out, at, coef):
+    """What `carry_covariance` wrote of another P, as a covariance where its terms take each other off: see `kept`."""
+    for i in range(n_out):
+        made_of = 0.0
+        for k in range(5):
+            made_of += coef[i, k] * coef[i, k] * P[lane, at[i, k], at[i, k]]
+        out[lane, i, i] = kept(out[lane, i, i], made_of)

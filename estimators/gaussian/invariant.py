@@ -22,14 +22,13 @@ from estimators.kernels.gaussian import ROBOT, nis_and_log_det, rows_in_use, she
 from estimators.kernels.jit import inline, jit, subroutine
 from estimators.kernels.left_looking import CORRECTION, ROWS, SHIFT, TURN, collect, keep_heading, settle, spread
 from estimators.kernels.range_bearing import gradient, measure, noise_std
-from estimators.kernels.rounding import LIFT, blunted_by_distance, lift
+from estimators.kernels.rounding import SHRUNK, blunted_by_distance, kept, lift
 from estimators.kernels.simd import subtract_rows
 from estimators.models import TWIST
 
 SMALL_ANGLE = 1e-4  # [rad] below which the series of V is exact to rounding
 HALF_ROOT = math.sqrt(0.5)
 SURPRISE = 1e4  # NIS of a sweep; squares of its correction are at most so many times the variances that it had
-SHRUNK = 1e-3  # of a variance left, below which rounding of what it was may tell
 
 
 @inline
@@ -100,9 +99,9 @@ def change_coordinates(P, work, lane, n, rows):
 def change_coordinates_far(P, work, lane, n, rows):
     """The same where d is far larger than P leads to expect: its square alone would take P's digits with it.
 
-    What was added may be taken off again by the next correction. A variance of which less than `SHRUNK` is left is
-    lifted by `LIFT` of what it was made of: more than rounding, so that P stays a covariance. What has shrunk so far in
-    the sweep is lifted before, as d multiplies it.
+    What was added may be taken off again by the next correction: a variance of which little is left is lifted by more
+    than rounding of what it was made of (`rounding.kept`). Where little is left of the heading's after the sweep, P is
+    lifted before: d multiplies it.
     """
     keep_heading(P, work, lane, n, rows)
     if work[TURN, 2] < SHRUNK * P[lane, 2, 2]:
@@ -116,9 +115,7 @@ def change_coordinates_far(P, work, lane, n, rows):
             P[lane, i, j] += d * work[TURN, j] + work[SHIFT, j] * (e + half * d)
             P[lane, j, i] = P[lane, i, j]
         was, added = P[lane, i, i], 2.0 * d * e
-        P[lane, i, i] = was + added
-        if P[lane, i, i] < SHRUNK * (was + abs(added)):
-            P[lane, i, i] += LIFT * (was + abs(added))
+        P[lane, i, i] = kept(was + added, was + abs(added))
 
 
 @inline

@@ -8,7 +8,7 @@ So where a return's variance R is below `FLOOR` times H diag(P) H', diag(P) bein
 
 once per return, before it leaves P: P - W W' is a covariance but for rounding, a thousandth of LIFT diag(P), whatever
 the correlations were. W and H P H' may be from before or after P is lifted: FLOOR has room for both. Elsewhere nothing
-changes, to the last bit.
+changes, to the last bit. So it is with a change of coordinates after which little of a variance is left (`kept`).
 """
 
 import math
@@ -18,6 +18,7 @@ from estimators.kernels.left_looking import TURN
 
 LIFT = 1e-12  # of each variance: what is added to it
 FLOOR = 2.0 * LIFT  # of H diag(P) H': the least variance of a return
+SHRUNK = 1e-3  # of a variance left by a change of coordinates, below which rounding of what it was may tell
 
 
 @subroutine
@@ -29,6 +30,12 @@ def lift(P, work, lane, n):
     work[TURN, 2] += LIFT * max(P[lane, 2, 2], 0.0)
     for i in range(n):
         P[lane, i, i] += LIFT * max(P[lane, i, i], 0.0)
+
+
+@inline
+def kept(variance, made_of):
+    """A variance that is the difference of larger ones: lifted by LIFT of what it was made of where little is left."""
+    return variance + LIFT * made_of if variance < SHRUNK * made_of else variance
 
 
 @inline
