@@ -13,6 +13,7 @@ from estimators.particle.columns import fit
 from estimators.particle.layout import DRAW_SAMPLES
 
 GAUSS_NEWTON_STEPS = 3  # the first is the EKF's, two more find the mode
+FARTHEST = 1e3  # [standard deviations of the motion]: a mode beyond them is none, and the next one would be farther
 BOX_FLOOR = 1e-6  # [m^2, rad^2] added to the motion's variances where a box is sampled: densities need full rank
 WORK_ROWS = 12
 
@@ -78,7 +79,10 @@ def log_likelihood(pose, p, L, s, looks, n_z):
 
 @subroutine
 def find_mode(pose, p, L, looks, n_z, info, mode, work):
-    """Eq. (9) by Gauss-Newton: mode [3] in s; info [3, 3] becomes the Cholesky factor of the Hessian there."""
+    """Eq. (9) by Gauss-Newton: mode [3] in s; info [3, 3] becomes the Cholesky factor of the Hessian before its last step.
+
+    A particle that is lost has no mode near: it takes no step beyond `FARTHEST`.
+    """
     gradient = work[7]
     for i in range(3):
         mode[i] = 0.0
@@ -99,11 +103,17 @@ def find_mode(pose, p, L, looks, n_z, info, mode, work):
                     e, f = dy * L[2, b] - L[0, b], -L[1, b] - dx * L[2, b]
                     info[a, b] += u * (a00 * e + a01 * f) + v * (a01 * e + a11 * f)
         semidefinite_cholesky(info, 3)
+        for i in range(3):
+            info[i, i] = max(info[i, i], 1.0)  # what the prior knows, also where the returns know 1e14 times as much
         g0 = gradient[0] / info[0, 0]
         g1 = (gradient[1] - info[1, 0] * g0) / info[1, 1]
         g2 = (gradient[2] - info[2, 0] * g0 - info[2, 1] * g1) / info[2, 2]
         t0, t1, t2 = back_substitute(info, g0, g1, g2)
         mode[0], mode[1], mode[2] = mode[0] + t0, mode[1] + t1, mode[2] + t2
+        length = math.sqrt(mode[0] * mode[0] + mode[1] * mode[1] + mode[2] * mode[2])
+        if length > FARTHEST:
+            for i in range(3):
+                mode[i] *= FARTHEST / length
 
 
 @inline

@@ -99,6 +99,24 @@ def test_a_correction_by_kilometres_leaves_the_digits_of_what_is_known_to_microm
     assert (np.abs(P[0] - expected) / np.outer(root, root)).max() < 1e-13
 
 
+def test_corrections_there_and_back_by_kilometres_leave_a_covariance():
+    """Landmarks known to a micrometre from each other, and together to a decimetre; what is left is nearly what was."""
+    rng = np.random.default_rng(4)
+    count, n, used = 2, 8, 7
+    mu, P, work = np.zeros((1, n)), np.zeros((1, n, n)), scratch(n)
+    own = np.array([0.1, 0.1, 1e-6, 0.1, 0.1, 0.1, 0.1])
+    P[0, :used, :used] = np.outer(own, own) + np.diag((1e-5 * own) ** 2)
+    before = P[0].copy()
+    for way in rng.standard_normal((20, used)) * 1e4:
+        for sign in (1.0, -1.0):
+            work[CORRECTION, :used] = sign * way
+            work[CORRECTION, 2] = 0.0
+            _retract(mu, P, work, 0, 0, count, False, np.inf)
+            std = np.sqrt(np.diag(P[0, :used, :used]))
+            assert np.linalg.eigvalsh(P[0, :used, :used] / np.outer(std, std))[0] > -1e-12
+    np.testing.assert_allclose(P[0], before, rtol=1e-6, atol=1e-12)
+
+
 class GroupFilter:
     """The invariant EKF as the papers write it: covariance of xi, updates through the matrix exponential.
 

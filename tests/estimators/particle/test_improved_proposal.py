@@ -9,7 +9,7 @@ from estimators.interface import TARGET
 from estimators.kernels.random import uniform4
 from estimators.particle.improved_proposal import RBPF
 from estimators.particle.layout import DRAW_SAMPLES
-from estimators.particle.sampled import BOX_FLOOR, improve
+from estimators.particle.sampled import BOX_FLOOR, FARTHEST, improve
 from estimators.registry import make as make_estimator
 from estimators.testing import checks
 
@@ -138,3 +138,19 @@ def test_with_little_noise_the_weights_are_fastslam2s(make, oracle):
 def test_wrong_options(options, message, oracle):
     with pytest.raises(ValueError, match=message):
         make_estimator("rbpf", oracle.motion, oracle.sensor, None, max_landmarks=3, **options)
+
+
+def test_a_lost_particle_is_not_sent_beyond_all_numbers(looks):
+    """Returns of micrometres of landmarks thought to be a million kilometres away: their mode is nowhere near."""
+    lost = looks.copy()
+    lost[:, :2] *= 1e9
+    lost[:, 2:5] = 0.0
+    lost[:, 8:] = 1e-12
+    start = POSE.copy()
+    for _ in range(3):
+        mean, cov, log_eta = run(lost, COV, 10)
+        assert np.isfinite([*mean, *cov.ravel()]).all() and not np.isnan(log_eta)
+        away = mean - start
+        away[2] = (away[2] + np.pi) % (2.0 * np.pi) - np.pi
+        assert np.linalg.norm(away[:2]) < 1.01 * FARTHEST * np.sqrt(np.trace(COV))
+        lost[:, :2] *= 10.0

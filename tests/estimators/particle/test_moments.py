@@ -3,7 +3,14 @@
 import numpy as np
 import pytest
 
-from estimators.particle.moments import pose_moments, target_moments
+from estimators.particle.moments import (
+    pose_moments,
+    relative_mean,
+    relative_origin,
+    relative_spread,
+    target_moments,
+    write_relative,
+)
 
 
 def wrap(angle):
@@ -59,3 +66,37 @@ def test_a_covariance_stays_one_however_little_the_other_weighs(least):
         target = np.vstack([poses, np.zeros((6, 2))])
         for _, cov in (pose_cloud(poses, w), twist_cloud(target, w)):
             assert np.linalg.eigvalsh(cov / np.abs(cov).max())[0] > -1e-12
+
+
+def relative_cloud(poses, points, covs, w):
+    """Mean [2] and covariance [2, 2] of a point [2, N], with covariances [3, N], in each particle's frame."""
+    mean, cov = np.zeros(2), np.zeros((2, 2))
+    c, s = np.cos(poses[2]), np.sin(poses[2])
+    x, y = relative_origin(points[0, 0], points[1, 0], poses, c, s)
+    a, b = relative_mean(*points, w, poses, c, s, x, y)
+    spread = relative_spread(*points, *covs, w, poses, np.zeros((0, len(w))), c, s, x + a, y + b)
+    write_relative(x + a, y + b, *spread, mean, cov)
+    return mean, cov
+
+
+def test_of_a_point_in_each_particles_frame(cloud):
+    poses, w = cloud
+    rng = np.random.default_rng(4)
+    points, covs = rng.standard_normal((2, 40)), np.array([[0.3], [0.1], [0.2]]) * np.ones(40)
+    turn = np.array([[np.cos(poses[2]), np.sin(poses[2])], [-np.sin(poses[2]), np.cos(poses[2])]])
+    seen = np.einsum("ijn,jn->in", turn, points - poses[:2])
+    own = np.einsum("ijn,jk,lkn,n->il", turn, np.array([[0.3, 0.1], [0.1, 0.2]]), turn, w)
+    away = seen - (seen @ w)[:, None]
+    mean, cov = relative_cloud(poses, points, covs, w)
+    np.testing.assert_allclose(mean, seen @ w, atol=1e-12)
+    np.testing.assert_allclose(cov, (w * away) @ away.T + own, atol=1e-12)
+
+
+def test_a_relative_covariance_keeps_its_digits_though_the_first_particle_is_far_away():
+    """It has next to no weight: what it sees is no part of the spread of the others, ten micrometres."""
+    rng, w = np.random.default_rng(5), np.array([1e-300, *np.full(20, 0.05)])
+    poses, points = np.zeros((3, 21)), 1e-5 * rng.standard_normal((2, 21))
+    points[:, 0] = 1e4
+    _, cov = relative_cloud(poses, points, np.zeros((3, 21)), w)
+    expected = np.cov(points[:, 1:], bias=True)
+    np.testing.assert_allclose(cov, expected, rtol=1e-6)
