@@ -79,7 +79,7 @@ def log_likelihood(pose, p, L, s, looks, n_z):
 
 @subroutine
 def find_mode(pose, p, L, looks, n_z, info, mode, work):
-    """Eq. (9) by Gauss-Newton: mode [3] in s; info [3, 3] becomes the Cholesky factor of the Hessian before its last step.
+    """Eq. (9) by Gauss-Newton: mode [3] in s; info [3, 3] becomes the Hessian's factor before its last step.
 
     A particle that is lost has no mode near: it takes no step beyond `FARTHEST`.
     """
