@@ -135,7 +135,7 @@ class _Episodes:
                     break
             simulation.advance(command, None if going.size == len(self.run_index) else going)
             self.steps[going] += 1
-            self.effort[going] += 0.5 * np.square(action[going]).sum(axis=1)
+            self.effort[going] += 0.5 * np.square(np.clip(action[going], -1.0, 1.0)).sum(axis=1)
             self._record(step, going)
         self._stop(going, everything=True)
         return [self._records(e) for e in range(len(simulation.estimators))]

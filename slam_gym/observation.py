@@ -230,7 +230,7 @@ class Observer:
     """Turns beliefs into observations; see the module for what is in them.
 
     Args:
-        scenario: whose units and arena count (the middle where a number is a range).
+        scenario: whose units and arena count; of a number that is a range the highest, of the turn rate the middle.
         num_lanes: L.
         nearest: K, landmarks shown.
         sectors: S, directions told apart.

@@ -18,6 +18,7 @@ from scipy.stats import chi2
 
 from slam_gym.consistency import nees_bounds
 from slam_gym.palette import GREY, TRUTH, VERMILION, styles
+from slam_gym.tables import UNBOUNDED
 
 ELLIPSE_PROBABILITY = 0.95
 ELLIPSES_PER_TRACK = 12
@@ -63,7 +64,8 @@ def nees_over_time(series: pd.DataFrame, metrics: tuple[str, ...] = ("pose_nees"
     for axis, metric in zip(axes[:, 0], metrics, strict=True):
         dof = DEGREES[metric]
         low, high = nees_bounds(dof, max(runs, 1))
-        axis.axhspan(low, high, color="#D9EFE6", zorder=0, label=f"95 % for an honest filter, {runs} runs")
+        if metric != f"{UNBOUNDED}_nees":
+            axis.axhspan(low, high, color="#D9EFE6", zorder=0, label=f"95 % for an honest filter, {runs} runs")
         axis.axhline(dof, color=GREY, linewidth=0.8)
         _lines(axis, series, metric)
         axis.set_yscale("log")

@@ -7,7 +7,7 @@
 | pursue    | 1      | 1 if the latest sweep holds a return of the target, minus 0.03 x its true distance [m]          |
 | explore   | 0      | landmarks that entered the map                                                                  |
 | localise  | 0      | minus the true error of the robot's position [m], at most 8                                     |
-| effort    | 0      | minus half the squared length of the action                                                     |
+| effort    | 0      | minus half the squared length of the action, each number cut to [-1, 1]                         |
 | collision | 0      | minus the collisions with pillars begun                                                         |
 
 The reward is the sum of weight x value; every value stands in info under `reward_<term>`. With the default weights it
@@ -67,5 +67,6 @@ def terms(robot_error, target_error, target_error_rel, has_target, seen, distanc
     if has_target:
         track = -(2.0 * _capped(target_error) + _capped(target_error_rel)) / 3.0
         pursue = (1.0 if seen else 0.0) - DISTANCE_PRICE * distance
+    forward, turn = min(abs(forward), 1.0), min(abs(turn), 1.0)
     effort = -0.5 * (forward * forward + turn * turn)
     return track, pursue, float(mapped), -_capped(robot_error), effort, -float(collided)

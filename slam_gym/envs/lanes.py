@@ -83,6 +83,8 @@ class Lanes:
         if cloud_options and not target_cloud:
             raise ValueError(f"target_cloud_options without a cloud: give target_cloud too; got {cloud_options}")
         self.scenario = _scenario(scenario, changes)
+        if terminate_on_capture is not None and not self.scenario.has_target:
+            raise ValueError(f"terminate_on_capture needs a target; scenario {self.scenario.name!r} has none")
         self.num_lanes, self.observation = num_lanes, observation
         self.action_map = ActionMap(self.scenario, action)
         kind = CloudObserver if target_cloud else Observer

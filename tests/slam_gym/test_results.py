@@ -107,6 +107,8 @@ def test_a_run_is_summarised_by_the_textbook():
     assert (row["predict_us"], row["update_us"]) == (pytest.approx(1.0), pytest.approx(3.0))
     assert row["lost_share"] == pytest.approx(np.mean(r.age[:, 10:] > 2.0))
     assert row["lost_end"] == 1.0
+    bounded = {name.split("_nees")[0] for name in runs if name.endswith("_nees_in95_run")}
+    assert bounded == {"pose", "target", "target_state"}  # no bounds hold for the mean over a map
     assert list(runs["count_gated"]) == [0, 1, 2, 3]
     recent = r.age[:, 10:] < 2.0
     expected = np.sqrt((r["target_error"][:, 10:][recent] ** 2).mean())

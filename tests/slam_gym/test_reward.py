@@ -28,6 +28,13 @@ def test_every_term_is_what_the_page_says():
         assert info["reward_collision"] == before["collisions"] - info["collisions"]
 
 
+def test_effort_is_of_the_action_that_was_carried_out():
+    env = gym.make("SlamTarget-v0")
+    env.reset(seed=0)
+    *_, info = env.step(np.array([-3.0, 0.5], dtype=np.float32))
+    assert info["reward_effort"] == pytest.approx(-0.5 * (1.0 + 0.25))
+
+
 def test_the_reward_is_the_weighted_sum():
     chosen = {"track": 0.5, "pursue": 0.0, "explore": 2.0, "effort": 0.1}
     weights = {**reward.DEFAULT_WEIGHTS, **chosen}

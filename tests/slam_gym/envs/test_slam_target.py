@@ -103,6 +103,11 @@ def test_capture_and_leaving_terminate_where_asked():
     assert terminated and info["outside"]
 
 
+def test_nothing_can_be_captured_where_there_is_no_target():
+    with pytest.raises(ValueError, match="terminate_on_capture needs a target; scenario 'tian-sparse' has none"):
+        make(scenario="tian-sparse", terminate_on_capture=0.5)
+
+
 def test_the_observation_does_not_know_the_truth():
     env = make().unwrapped
     env.reset(seed=0)
