@@ -28,7 +28,7 @@ from estimators.models import TWIST
 
 SMALL_ANGLE = 1e-4  # [rad] below which the series of V is exact to rounding
 HALF_ROOT = math.sqrt(0.5)
-SURPRISE = 1e4  # NIS of a sweep; squares of its correction are at most so many times the variances that it had
+SURPRISE = 1e2  # NIS of a sweep; squares of its correction are at most so many times the variances that it had
 
 
 @inline

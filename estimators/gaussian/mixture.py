@@ -16,6 +16,7 @@ from estimators.kernels.jit import inline, jit
 from estimators.kernels.range_bearing import usable
 from estimators.models import TWIST
 
+NOWHERE = 1e9  # [m] of a member's own spread: the others get their share of it, and it of theirs, until it overflows
 TINY = 1e-300  # a weight never falls below, so that its logarithm exists
 _TARGET_LABEL = TARGET
 
@@ -114,15 +115,17 @@ def exchange(mu, P, w, chances, n_t, count, mixed_mu, mixed_P, share, dev, lanes
 
 @inline
 def spread_beyond(mu, P, w, lane, limit):
-    """Whether the mixture's target position spreads beyond `limit` [m]."""
+    """Whether the mixture's target position spreads beyond `limit` [m], or a member's beyond `NOWHERE`."""
     size = w.shape[1]
     base = lane * size
-    m0, m1, square = 0.0, 0.0, 0.0
+    m0, m1, square, widest = 0.0, 0.0, 0.0, 0.0
     for g in range(size):
         dx, dy = mu[base + g, ROBOT] - mu[base, ROBOT], mu[base + g, ROBOT + 1] - mu[base, ROBOT + 1]
         m0, m1 = m0 + w[lane, g] * dx, m1 + w[lane, g] * dy
-        square += w[lane, g] * (P[base + g, ROBOT, ROBOT] + P[base + g, ROBOT + 1, ROBOT + 1] + dx * dx + dy * dy)
-    return square - m0 * m0 - m1 * m1 > limit * limit
+        own = P[base + g, ROBOT, ROBOT] + P[base + g, ROBOT + 1, ROBOT + 1]
+        square += w[lane, g] * (own + dx * dx + dy * dy)
+        widest = max(widest, own)
+    return square - m0 * m0 - m1 * m1 > limit * limit or widest > NOWHERE * NOWHERE
 
 
 @inline

@@ -6,7 +6,7 @@ import pytest
 from estimators import make
 from estimators._recording import DT, MOTION, SENSOR, TARGET_MODEL, feed, record, start
 from estimators.gaussian.manoeuvres import MODES, stationary, transition
-from estimators.gaussian.mixture import collapse
+from estimators.gaussian.mixture import NOWHERE, collapse
 from estimators.interface import TARGET, Scan
 from estimators.models import MODEL, MotionModel, SensorModel, TargetModel, pack_models
 
@@ -150,6 +150,18 @@ def test_a_jump_starts_the_modes_anew():
     assert estimator.counts["reinitialised"][0] == 1
     assert estimator.bank.open[0]
     np.testing.assert_allclose(estimator.belief.target_position[0], [2.0, -3.0], atol=1e-9)
+
+
+def test_a_target_that_is_nowhere_starts_the_modes_anew():
+    """Without any limit of the model's: what the modes share would grow until it overflows."""
+    estimator = make("ri-ekf", STILL, SENSOR, TargetModel(kind="imm"), max_landmarks=1)
+    estimator.reset(np.zeros(3), np.zeros((3, 3)), seeds=[0])
+    estimator.update(sighting(2.0, 1.0))
+    estimator.predict(np.zeros((1, 2)), DT)
+    estimator.bank.members.P[:, 3:5, 3:5] = (2.0 * NOWHERE) ** 2 * np.eye(2)
+    estimator.update(sighting(2.0, 1.5))
+    assert estimator.counts["reinitialised"][0] == 1 and estimator.bank.open[0]
+    np.testing.assert_allclose(estimator.belief.target_position[0], [2.0, 1.5], atol=1e-9)
 
 
 def test_what_hypotheses_need():
