@@ -102,7 +102,10 @@ def fill_core(
 
 @subroutine
 def fill_map(mu, P, n_t, count, ids, landmark_count, landmark_id, landmark_mapped, mean, cov, rel, rel_cov, lanes):
-    """Landmarks of the named lanes; empty slots are zero with id -1, and are left alone where they were empty."""
+    """Landmarks of the named lanes; empty slots are zero with id -1, and are left alone where they were empty.
+
+    In a filter that has run off by a million kilometres rounding may leave no covariance: the nearest one is told.
+    """
     mu, P, mean, cov, rel, rel_cov = borrow(mu), borrow(P), borrow(mean), borrow(cov), borrow(rel), borrow(rel_cov)
     for index in range(lanes.size):
         lane = lanes[index]
@@ -121,7 +124,7 @@ def fill_map(mu, P, n_t, count, ids, landmark_count, landmark_id, landmark_mappe
             rel[lane, slot, 0], rel[lane, slot, 1] = x, y
             rel_cov[lane, slot, 0, 0], rel_cov[lane, slot, 0, 1] = xx, xy
             rel_cov[lane, slot, 1, 0], rel_cov[lane, slot, 1, 1] = xy, yy
-            for i in range(2):
-                mean[lane, slot, i] = mu[lane, j + i]
-                for k in range(2):
-                    cov[lane, slot, i, k] = P[lane, j + i, j + k]
+            mean[lane, slot, 0], mean[lane, slot, 1] = mu[lane, j], mu[lane, j + 1]
+            xx, xy, yy = nearest_covariance(P[lane, j, j], P[lane, j, j + 1], P[lane, j + 1, j + 1])
+            cov[lane, slot, 0, 0], cov[lane, slot, 0, 1] = xx, xy
+            cov[lane, slot, 1, 0], cov[lane, slot, 1, 1] = xy, yy
