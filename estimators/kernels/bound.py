@@ -1,8 +1,8 @@
 """Call kernels again and again with the same arrays, for a quarter of a microsecond whatever their number.
 
 numba takes every array of a call apart anew, some 0.08 us each, and a structured one costs 0.3 us and more. `bind`
-writes the kernel's address, the arrays that stay as numba passes them, word by word, and the numbers into one table; a small
-caller reads them back and calls the kernel. `chain` makes one such call of several. What runs is the machine code that
+writes the kernel's address, the arrays that stay, word by word as numba passes them, and the numbers into one table; a
+small caller hands them on to the kernel. `chain` makes one such call of several. What runs is the machine code that
 Python calls too, not a copy: LLVM would optimise that beside other code, and the last bit of a result could differ.
 """
 

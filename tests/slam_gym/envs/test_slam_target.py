@@ -50,6 +50,14 @@ def test_gymnasium_checks_pass_with_warnings_as_errors(observation):
 
 
 @pytest.mark.parametrize("observation", ["box", "dict"])
+def test_a_whole_episode_passes_the_checks_of_every_step_that_make_leaves_out(observation):
+    env = make(observation=observation, disable_env_checker=False)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        assert len(play(env, 25, seed=0)) == SHORT["max_steps"] + 1
+
+
+@pytest.mark.parametrize("observation", ["box", "dict"])
 def test_stable_baselines_checks_pass_with_warnings_as_errors(observation):
     checker = pytest.importorskip("stable_baselines3.common.env_checker")
     with warnings.catch_warnings():
