@@ -58,7 +58,7 @@ def over_time(series: pd.DataFrame, metrics: tuple[str, ...] = ("robot_error", "
 
 
 def nees_over_time(series: pd.DataFrame, metrics: tuple[str, ...] = ("pose_nees", "target_nees")) -> Figure:
-    """Mean NEES over runs against time, with the interval that holds it in 95 % of cases if the filter is honest."""
+    """Mean NEES over runs against time, with the 95 % interval of an honest filter's; landmarks' has none."""
     figure, axes = new_figure(9.0, 2.9 * len(metrics), nrows=len(metrics), sharex=True, squeeze=False)
     runs = int(series["runs"].max()) if len(series) else 1
     for axis, metric in zip(axes[:, 0], metrics, strict=True):

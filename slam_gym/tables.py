@@ -130,8 +130,9 @@ def summary_row(
     """One estimator over all runs.
 
     `<error>_mean` is the mean over runs of their means with the runs' standard deviation `_mean_sd`; `<error>_rmse`
-    the root of the mean square over runs, `_rmse_sd` the standard deviation of the runs' own; `_nees_in95_mean` with
-    `_nees_batch` runs averaged; `diverged` counts runs; times are microseconds per lane and call.
+    the root of the mean square over runs, `_rmse_sd` the standard deviation of the runs' own; `_nees_in95_mean`, of
+    all but landmarks, with `_nees_batch` runs averaged; `diverged` counts runs; times are microseconds per lane and
+    call.
     """
     row: dict[str, Any] = {**dict(zip(KEY, key, strict=True)), "n_runs": len(runs)}
     for name in ERRORS:

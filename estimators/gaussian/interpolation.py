@@ -10,8 +10,11 @@ covariance with f is that with the few times E', where E = D1 L^-1 / h: a slope 
 The unscented transform shares mean and E; with e = mean - f(x), a filter's `rule` (h, c, d) says what both do:
 
     covariance sum D1_p D1_p' / h^2 + c sum D2_p D2_p' + d e e'
-Bearings are taken relative to the centre's before they are averaged. Here f is a displacement of the robot, of the
-target, or from the robot to a point first seen (a pose and two noisy numbers), or a return of a point (pose and point).
+
+The first sum is taken as E P E', the same where P = L L' to the last digit. Where the Cholesky factor has a weak pivot,
+another root takes its place (`factor`). Bearings are taken relative to the centre's before they are averaged. Here f is
+a displacement of the robot, of the target, or from the robot to a point first seen (a pose and two noisy numbers), or a
+return of a point (pose and point).
 """
 
 import math
@@ -99,8 +102,9 @@ def spread_displacement(P, lane, j, kind, model, a, b, std_a, std_b, dt, heading
     """Sigma points of a displacement over the body (x, y, heading) at rows j, j + 1, j + 2 and inputs (a, b).
 
     Args:
-        C: scratch (all [5, 5]), filled with the body's Cholesky factor. D1, D2: rows 0-2 filled; D1 without the body's
-            own spread. E: filled with the displacement's slope by the body in [:2, :3] and with e in row 3.
+        C: scratch (all [5, 5]; order [5]), filled with a root of the body's covariance.
+        D1: with D2, rows 0-2 filled; D1 without the body's own spread.
+        E: filled with the displacement's slope by the body in [:2, :3] and with e in row 3.
 
     Returns:
         The mean displacement (dx, dy, dheading). Eq. (9).
@@ -194,7 +198,8 @@ def spread_return(mu, P, lane, j, rule, C, D1, E, order):
     """Sigma points of a return of the point at rows j, j + 1. Eqs. (19), (23)-(26).
 
     Args:
-        C, D1: scratch, [5, 5]. E: filled with the slope of (range, bearing) by pose and point in [:2].
+        C, D1: scratch, [5, 5]; order: scratch, [5].
+        E: filled with the slope of (range, bearing) by pose and point in [:2].
 
     Returns:
         The range at the centre, mean (range, bearing) and covariance (s00, s01, s11) without the sensor's noise.

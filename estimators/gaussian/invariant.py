@@ -22,13 +22,13 @@ from estimators.kernels.gaussian import ROBOT, nis_and_log_det, rows_in_use, she
 from estimators.kernels.jit import inline, jit, subroutine
 from estimators.kernels.left_looking import CORRECTION, ROWS, SHIFT, TURN, collect, keep_heading, settle, spread
 from estimators.kernels.range_bearing import gradient, measure, noise_std
-from estimators.kernels.rounding import SHRUNK, blunted_by_distance, kept, lift
+from estimators.kernels.rounding import blunted_by_distance, kept
 from estimators.kernels.simd import subtract_rows
 from estimators.models import TWIST
 
 SMALL_ANGLE = 1e-4  # [rad] below which the series of V is exact to rounding
 HALF_ROOT = math.sqrt(0.5)
-SURPRISE = 1e2  # NIS of a sweep; squares of its correction are at most so many times the variances that it had
+SURPRISE = 1e3  # NIS of a sweep, of five hundred returns: what it moves is at most the root of that times its deviation
 
 
 @inline
@@ -100,14 +100,10 @@ def change_coordinates_far(P, work, lane, n, rows):
     """The same where d is far larger than P leads to expect: its square alone would take P's digits with it.
 
     What was added may be taken off again by the next correction: a variance of which little is left is lifted by more
-    than rounding of what it was made of (`rounding.kept`). Where little is left of the heading's after the sweep, P is
-    lifted before: d multiplies it.
+    than rounding of what it was made of (`rounding.kept`).
     """
-    keep_heading(P, work, lane, n, rows)
-    if work[TURN, 2] < SHRUNK * P[lane, 2, 2]:
-        lift(P, work, lane, n)
     settle(P, work, lane, n, rows)
-    keep_heading(P, work, lane, n, 0)  # as it stands in P, to the last bit
+    keep_heading(P, work, lane, n, 0)  # as it stands in P, to the last bit: rows kept beside P round otherwise
     half = 0.5 * work[TURN, 2]
     for i in range(n):
         d, e = work[SHIFT, i], work[TURN, i] + half * work[SHIFT, i]

@@ -115,7 +115,7 @@ def exchange(mu, P, w, chances, n_t, count, mixed_mu, mixed_P, share, dev, lanes
 
 @inline
 def spread_beyond(mu, P, w, lane, limit):
-    """Whether the mixture's target position spreads beyond `limit` [m], or a member's beyond `NOWHERE`."""
+    """Whether the mixture's target position spreads beyond `limit` [m], or any member's own beyond `NOWHERE`."""
     size = w.shape[1]
     base = lane * size
     m0, m1, square, widest = 0.0, 0.0, 0.0, 0.0

@@ -131,7 +131,7 @@ def _passed(kinds: tuple[Any, ...]) -> tuple[Any, ...]:
 
 
 def _fields(argument: Any) -> list[int]:
-    """An argument's entries in the table: address and shape of an array, or the number."""
+    """An argument's entries in the table: of an array all words that numba passes, in their order, or the number."""
     if argument is LATER:
         return []
     if isinstance(argument, np.ndarray):

@@ -40,7 +40,7 @@ def semidefinite_cholesky(A, n):
 def pivoted_cholesky(A, n, C, order):
     """C with A = C C' for a semidefinite A of any rank, to rounding: the largest pivot that is left comes first.
 
-    Without that a pivot that is nearly rounding is divided by, and A = C C' holds no better than its digits.
+    Otherwise a pivot may be rounding and count as zero, or nearly, and be divided by: slopes over it would be vast.
 
     Args:
         A: [n, n] both triangles, overwritten.

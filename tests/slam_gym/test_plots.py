@@ -63,3 +63,11 @@ def test_names_of_the_cost_picture_keep_off_each_other(apart):
     assert apart == 1.0 or not any(label.contains(*dot) for label in labels for dot in dots)
     ticks = [tick.get_window_extent() for tick in figure.axes[0].get_xticklabels() if tick.get_text()]
     assert all(not one.overlaps(other) for one, other in itertools.pairwise(ticks))
+
+
+def test_only_what_has_bounds_is_drawn_with_them(honest):
+    """A map's mean over landmarks that share the pose's error has none."""
+    series = series_of(ekf=honest)
+    series["landmark_nees"] = series["pose_nees"]
+    bands = [len(axis.patches) for axis in plots.nees_over_time(series, ("pose_nees", "landmark_nees")).axes]
+    assert bands == [1, 0]

@@ -68,13 +68,14 @@ def test_a_covariance_stays_one_however_little_the_other_weighs(least):
             assert np.linalg.eigvalsh(cov / np.abs(cov).max())[0] > -1e-12
 
 
-def relative_cloud(poses, points, covs, w):
+def relative_cloud(poses, points, covs, w, pose_cov=None):
     """Mean [2] and covariance [2, 2] of a point [2, N], with covariances [3, N], in each particle's frame."""
+    pose_cov = np.zeros((0, len(w))) if pose_cov is None else pose_cov
     mean, cov = np.zeros(2), np.zeros((2, 2))
     c, s = np.cos(poses[2]), np.sin(poses[2])
     x, y = relative_origin(points[0, 0], points[1, 0], poses, c, s)
     a, b = relative_mean(*points, w, poses, c, s, x, y)
-    spread = relative_spread(*points, *covs, w, poses, np.zeros((0, len(w))), c, s, x + a, y + b)
+    spread = relative_spread(*points, *covs, w, poses, pose_cov, c, s, x + a, y + b)
     write_relative(x + a, y + b, *spread, mean, cov)
     return mean, cov
 
@@ -90,6 +91,25 @@ def test_of_a_point_in_each_particles_frame(cloud):
     mean, cov = relative_cloud(poses, points, covs, w)
     np.testing.assert_allclose(mean, seen @ w, atol=1e-12)
     np.testing.assert_allclose(cov, (w * away) @ away.T + own, atol=1e-12)
+
+
+def test_an_uncertain_pose_adds_what_it_makes_of_the_point(cloud):
+    """J P J', J the derivative of R(-h) (point - position) by position and heading."""
+    poses, w = cloud
+    rng = np.random.default_rng(6)
+    points, root = rng.standard_normal((2, 40)), rng.standard_normal((3, 3))
+    P = root @ root.T
+    rows = np.repeat(P[np.triu_indices(3)][:, None], 40, axis=1)
+    extra = np.zeros((2, 2))
+    for p in range(40):
+        c, s = np.cos(poses[2, p]), np.sin(poses[2, p])
+        u, v = np.array([[c, s], [-s, c]]) @ (points[:, p] - poses[:2, p])
+        J = np.array([[-c, -s, v], [s, -c, -u]])
+        extra += w[p] * J @ P @ J.T
+    plain, known = np.zeros((3, 40)), relative_cloud(poses, points, np.zeros((3, 40)), w)
+    mean, cov = relative_cloud(poses, points, plain, w, rows)
+    np.testing.assert_array_equal(mean, known[0])
+    np.testing.assert_allclose(cov, known[1] + extra, atol=1e-12)
 
 
 def test_a_relative_covariance_keeps_its_digits_though_the_first_particle_is_far_away():
