@@ -13,6 +13,7 @@ Folder: one CSV file per table, with a line of column names first; the order of 
 
 A label is a landmark's id (0, 1, 2, ...), `target`, or `unknown`. With sweeps.csv a missing return counts as evidence.
 Without truth.csv the replay starts at the origin and nothing is scored.
+A car-like robot's turn_rate is its steering angle [rad]: replay such a log with its scenario, whose model takes it so.
 
 NPZ: arrays of the same names without ".csv", columns in the order above; in labels -2 is the target, -1 unknown.
 """
