@@ -4,6 +4,7 @@ No global state (pyplot is never touched), so they work in any process, headless
 of `slam_gym.results.Results`, of one scenario and one policy.
 """
 
+import itertools
 import math
 from typing import Any
 
@@ -168,11 +169,11 @@ def cost_against_accuracy(summary: pd.DataFrame) -> Figure:
 
 
 def _name_points(axis: Axes, points: dict[str, tuple[float, float]]) -> None:
-    """A name beside each point, on the first side on which it covers no name or dot; once all else has its place."""
+    """A name beside each point, at the first place where it covers no name or dot; once all else has its place."""
     dots = [axis.transData.transform(at) for at in points.values()]
     taken = [Bbox([dot - DOT, dot + DOT]) for dot in dots]
     for name, at in sorted(points.items(), key=lambda item: item[1]):
-        for x, y, side in ((7, 5, "left"), (7, -13, "left"), (-7, 5, "right"), (-7, -13, "right")):
+        for y, (x, side) in itertools.product((5, -13, 17, -25), ((7, "left"), (-7, "right"))):
             label = axis.annotate(name, at, xytext=(x, y), textcoords="offset points", ha=side, fontsize=9)
             extent = label.get_window_extent()
             if not extent.count_overlaps(taken):

@@ -65,6 +65,27 @@ def test_names_of_the_cost_picture_keep_off_each_other(apart):
     assert all(not one.overlaps(other) for one, other in itertools.pairwise(ticks))
 
 
+def test_names_of_the_default_comparison_keep_off_each_other():
+    """As it came out once: three filters of nearly the same error, as close as their names are wide."""
+    costs = {
+        "ekf": 1.33,
+        "fej-ekf": 2.026,
+        "ri-ekf": 1.218,
+        "cdkf": 2.892,
+        "slamto": 7.193,
+        "independent": 2.359,
+        "dead-reckoning": 0.991,
+        "ideal-ekf": 1.789,
+    }
+    errors = [0.3307, 0.2613, 0.2585, 0.331, 0.2843, 0.2589, 0.7122, 0.2103]
+    summary = pd.DataFrame({"estimator": list(costs), "predict_us": 0.0, "update_us": list(costs.values()),
+                            "robot_error_rmse": errors, "pose_nees_mean": 3.0})  # fmt: skip
+    figure = plots.cost_against_accuracy(summary)
+    figure.draw_without_rendering()
+    labels = [text.get_window_extent() for text in figure.axes[0].texts]
+    assert all(one.count_overlaps(labels[:i]) == 0 for i, one in enumerate(labels))
+
+
 def test_only_what_has_bounds_is_drawn_with_them(honest):
     """A map's mean over landmarks that share the pose's error has none."""
     series = series_of(ekf=honest)
