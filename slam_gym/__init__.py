@@ -23,6 +23,6 @@ gym.register(
     id="SlamTarget-v0",
     entry_point="slam_gym.envs.slam_target:SlamTargetEnv",
     vector_entry_point="slam_gym.envs.slam_target_vector:SlamTargetVectorEnv",
-    order_enforce=False,
-    disable_env_checker=True,
+    order_enforce=False,  # the environment itself says that it needs a reset,
+    disable_env_checker=True,  # and a test puts whole episodes through Gymnasium's checks
 )

@@ -7,7 +7,7 @@ import math
 
 from estimators.kernels.angles import wrap
 from estimators.kernels.jit import inline
-from estimators.kernels.rounding import kept
+from estimators.kernels.rounding import lifted_if_shrunk
 
 ORIGIN = -1  # in the place of a row: the origin of the axes the state is written in, known exactly
 
@@ -78,10 +78,10 @@ def carry_covariance(P, out, half, lane, n_in, n_out, at, coef):
 
 
 @inline
-def keep_covariance(P, out, lane, n_out, at, coef):
-    """What `carry_covariance` wrote of another P, as a covariance where its terms take each other off: see `kept`."""
+def lift_shrunk(P, out, lane, n_out, at, coef):
+    """Lift the variances of `out` that `carry_covariance` wrote as small differences of terms of P, another array."""
     for i in range(n_out):
         made_of = 0.0
         for k in range(5):
             made_of += coef[i, k] * coef[i, k] * P[lane, at[i, k], at[i, k]]
-        out[lane, i, i] = kept(out[lane, i, i], made_of)
+        out[lane, i, i] = lifted_if_shrunk(out[lane, i, i], made_of)

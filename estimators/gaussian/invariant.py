@@ -22,13 +22,13 @@ from estimators.kernels.gaussian import ROBOT, nis_and_log_det, rows_in_use, she
 from estimators.kernels.jit import inline, jit, subroutine
 from estimators.kernels.left_looking import CORRECTION, ROWS, SHIFT, TURN, collect, keep_heading, settle, spread
 from estimators.kernels.range_bearing import gradient, measure, noise_std
-from estimators.kernels.rounding import blunted_by_distance, kept
+from estimators.kernels.rounding import blunted_by_distance, lifted_if_shrunk
 from estimators.kernels.simd import subtract_rows
 from estimators.models import TWIST
 
 SMALL_ANGLE = 1e-4  # [rad] below which the series of V is exact to rounding
 HALF_ROOT = math.sqrt(0.5)
-SURPRISE = 1e3  # NIS of a sweep, of five hundred returns: what it moves is at most the root of that times its deviation
+SURPRISE = 1e3  # NIS of a sweep, 2 a return where all is well: it moves nothing by more than its root in deviations
 
 
 @inline
@@ -100,7 +100,7 @@ def change_coordinates_far(P, work, lane, n, rows):
     """The same where d is far larger than P leads to expect: its square alone would take P's digits with it.
 
     What was added may be taken off again by the next correction: a variance of which little is left is lifted by more
-    than rounding of what it was made of (`rounding.kept`).
+    than rounding of what it was made of (`rounding.lifted_if_shrunk`).
     """
     settle(P, work, lane, n, rows)
     keep_heading(P, work, lane, n, 0)  # as it stands in P, to the last bit: rows kept beside P round otherwise
@@ -111,7 +111,7 @@ def change_coordinates_far(P, work, lane, n, rows):
             P[lane, i, j] += d * work[TURN, j] + work[SHIFT, j] * (e + half * d)
             P[lane, j, i] = P[lane, i, j]
         was, added = P[lane, i, i], 2.0 * d * e
-        P[lane, i, i] = kept(was + added, was + abs(added))
+        P[lane, i, i] = lifted_if_shrunk(was + added, was + abs(added))
 
 
 @inline

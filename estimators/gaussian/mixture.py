@@ -16,7 +16,7 @@ from estimators.kernels.jit import inline, jit
 from estimators.kernels.range_bearing import usable
 from estimators.models import TWIST
 
-NOWHERE = 1e9  # [m] of a member's own spread: the others get their share of it, and it of theirs, until it overflows
+NOWHERE = 1e9  # [m] a member's own spread beyond which all start anew: mixing would hand it on until it overflows
 TINY = 1e-300  # a weight never falls below, so that its logarithm exists
 _TARGET_LABEL = TARGET
 

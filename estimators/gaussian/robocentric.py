@@ -19,7 +19,7 @@ from estimators.gaussian.existence import revise_map
 from estimators.gaussian.frames import (
     ORIGIN,
     carry_covariance,
-    keep_covariance,
+    lift_shrunk,
     see_heading,
     see_nothing,
     see_point,
@@ -107,7 +107,7 @@ def leave_frame(frame_mu, frame_P, mu, P, half, at, coef, n_t, count, target_kno
             see_point(frame_mu, mu, lane, at, coef, body + 2 * slot, body + BODY + 2 * slot, body)
         see_rest(mu, lane, at, coef, body + 2 * count[lane], n)
         carry_covariance(frame_P, P, half, lane, n_in, n, at, coef)
-        keep_covariance(frame_P, P, lane, n, at, coef)
+        lift_shrunk(frame_P, P, lane, n, at, coef)
 
 
 @inline

@@ -213,16 +213,15 @@ class SigmaPointFilter(GaussianEstimator):
     def _prediction(self, control: Floats, dt: Floats) -> Call:
         return (
             predict, self.mu, self.P, self.models, self.n_t, self.count, self.target_known, self.pending, control, dt,
-            self.last_dt, LATER,
-            self.rule, self.scratch, self.order,
+            self.last_dt, LATER, self.rule, self.scratch, self.order,
         )  # fmt: skip
 
     def _correction(self, scan: Scan) -> Call:
         return (
             update, self.mu, self.P, self.work, self.models, self.n_t, self.count, self.ids, self.first, self.next_id,
             self.target_known, self.pending, self.counters, scan.ranges, scan.bearings, scan.labels, scan.count,
-            self.association_code, self.gates, self.cost, self.slots, self.last_dt, LATER,
-            self.rule, self.scratch, self.order,
+            self.association_code, self.gates, self.cost, self.slots, self.last_dt, LATER, self.rule,
+            self.scratch, self.order,
         )  # fmt: skip
 
 

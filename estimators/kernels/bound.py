@@ -220,11 +220,11 @@ def _read(context: Any, builder: Any, kind: Any, address: Any) -> Any:
 
 def _read_array(context: Any, builder: Any, kind: Any, address: Any) -> Any:
     array = context.make_array(kind)(context, builder)
-    n, at = len(_ARRAY), range(kind.ndim)
+    n, axes = len(_ARRAY), range(kind.ndim)
     for i, name in enumerate(_ARRAY):
         word = _field(builder, address, i)
         wanted = getattr(array, name).type
         setattr(array, name, builder.inttoptr(word, wanted) if isinstance(wanted, ir.PointerType) else word)
-    array.shape = cgutils.pack_array(builder, [_field(builder, address, n + i) for i in at])
-    array.strides = cgutils.pack_array(builder, [_field(builder, address, n + kind.ndim + i) for i in at])
+    array.shape = cgutils.pack_array(builder, [_field(builder, address, n + i) for i in axes])
+    array.strides = cgutils.pack_array(builder, [_field(builder, address, n + kind.ndim + i) for i in axes])
     return array._getvalue()

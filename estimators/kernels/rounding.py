@@ -8,7 +8,7 @@ So where a return's variance R is below `FLOOR` times H diag(P) H', diag(P) bein
 
 once per return, before it leaves P: P - W W' is a covariance but for rounding, a thousandth of LIFT diag(P), whatever
 the correlations were. W and H P H' may be from before or after P is lifted: FLOOR has room for both. Elsewhere nothing
-changes, to the last bit. So it is with a change of coordinates after which little of a variance is left (`kept`).
+changes, to the last bit. A change of coordinates that leaves little of a variance asks for it too: `lifted_if_shrunk`.
 """
 
 import math
@@ -33,7 +33,7 @@ def lift(P, work, lane, n):
 
 
 @inline
-def kept(variance, made_of):
+def lifted_if_shrunk(variance, made_of):
     """A variance that is the difference of larger ones: lifted by LIFT of what it was made of where little is left."""
     return variance + LIFT * made_of if variance < SHRUNK * made_of else variance
 

@@ -81,7 +81,7 @@ def log_likelihood(pose, p, L, s, looks, n_z):
 def find_mode(pose, p, L, looks, n_z, info, mode, work):
     """Eq. (9) by Gauss-Newton: mode [3] in s; info [3, 3] becomes the Hessian's factor before its last step.
 
-    A particle that is lost has no mode near: it takes no step beyond `FARTHEST`.
+    A lost particle has no mode near: it goes no farther than `FARTHEST`.
     """
     gradient = work[7]
     for i in range(3):

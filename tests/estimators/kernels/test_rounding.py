@@ -8,7 +8,7 @@ import pytest
 from estimators.kernels import left_looking as ll
 from estimators.kernels.gaussian import downdate
 from estimators.kernels.jit import jit
-from estimators.kernels.rounding import FLOOR, LIFT, SHRUNK, blunted, blunted_by_distance, kept, lift
+from estimators.kernels.rounding import FLOOR, LIFT, SHRUNK, blunted, blunted_by_distance, lift, lifted_if_shrunk
 from estimators.kernels.simd import aligned_zeros
 
 N, J = 8, 3  # rows; the point's first
@@ -132,6 +132,6 @@ def by_distance(P, work, r, c0, c1, range_std, bearing_std):
 
 
 def test_a_variance_is_lifted_only_where_little_is_left_of_what_made_it():
-    assert kept(0.5, 1.0) == 0.5 and kept(SHRUNK, 1.0) == SHRUNK
-    assert kept(0.5 * SHRUNK, 1.0) == 0.5 * SHRUNK + LIFT
-    assert kept(-1e-16, 1.0) > 0.0 and kept(0.0, 0.0) == 0.0
+    assert lifted_if_shrunk(0.5, 1.0) == 0.5 and lifted_if_shrunk(SHRUNK, 1.0) == SHRUNK
+    assert lifted_if_shrunk(0.5 * SHRUNK, 1.0) == 0.5 * SHRUNK + LIFT
+    assert lifted_if_shrunk(-1e-16, 1.0) > 0.0 and lifted_if_shrunk(0.0, 0.0) == 0.0
