@@ -270,13 +270,16 @@ def test_the_contract_holds_without_a_budget():
         check()
 
 
-def test_what_a_pose_known_along_one_line_sees_first_leaves_a_covariance():
-    """Heading and y vary together, x tells nearly all of y: a slope by what it does not tell was in the thousands."""
-    root = np.array([[0.15, 0.0], [-0.02, 4e-5], [0.0, 0.05]])
+@pytest.mark.parametrize("seed", range(10))
+def test_what_a_pose_known_along_one_line_sees_first_leaves_a_covariance(seed):
+    """Heading and y vary together, x tells nearly all of y: slopes by what it does not tell are in the thousands."""
+    rng = np.random.default_rng(seed)
+    root = np.array([[0.15, 0.0], [-0.02, 1e-5], [0.0, 0.05]]) * rng.uniform(0.5, 1.5, (3, 2))
     estimator = CDKF(MotionModel(), SensorModel(range_std=1e-6, bearing_std=1e-7), None, max_landmarks=4)
     estimator.reset([[2.0, 4.0, 3.0]], [root @ root.T], seeds=[0])
     scan = Scan.empty(1, 4)
-    scan.ranges[0], scan.bearings[0], scan.labels[0], scan.count[0] = [8.9, 12.7, 6.6, 3.6], [-1, 1, 2, 0], range(4), 4
+    scan.ranges[0], scan.bearings[0] = rng.uniform(3.0, 13.0, 4), rng.uniform(-3.0, 3.0, 4)
+    scan.labels[0], scan.count[0] = range(4), 4
     estimator.update(scan)
     _, P = estimator.joint(0)
     std = np.sqrt(np.diag(P))
